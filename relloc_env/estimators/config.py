@@ -1,0 +1,110 @@
+"""Options of the built-in estimators: frozen, validated where they are built, plain data and back without loss."""
+
+import difflib
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, NonNegativeFloat, PositiveFloat, TypeAdapter, model_validator
+
+Gain = PositiveFloat | Annotated[tuple[PositiveFloat, ...], Field(min_length=1)]
+"""One value for all robots, or one per robot."""
+
+
+def suggest(word: str, known: list[str]) -> str:
+    """Return what to add to an error about an unknown `word`: the nearest known one, if any, and the list."""
+    near = difflib.get_close_matches(word, known, n=1)
+    guess = f" Did you mean {near[0]!r}?" if near else ""
+    return f"{guess} Known: {', '.join(sorted(known))}."
+
+
+class EstimatorOptions(BaseModel):
+    """Base of all estimator configurations: frozen, finite, and strict about names."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _know_the_names(cls, data: Any) -> Any:
+        if isinstance(data, Mapping):
+            for key in data:
+                if key not in cls.model_fields:
+                    raise ValueError(f"Unknown option {key!r}.{suggest(str(key), list(cls.model_fields))}")
+        return data
+
+
+class CascadeConfig(EstimatorOptions):
+    """The paper's estimator: a depth observer per point, then a filter for the pose of each ordered pair."""
+
+    kind: Literal["cascade"] = "cascade"
+
+    h: Gain = 2.5
+    """[1/s] gain H of the image innovation; with `damping="critical"` only its start value matters."""
+    alpha_lambda: Gain = 120.0
+    """[-] product alpha Lambda of the depth innovation."""
+    damping: Literal["fixed", "critical"] = "fixed"
+    """`critical`: H = 2 sqrt(alpha Lambda) sigma from the current excitation sigma, not below `h_floor`."""
+    h_floor: PositiveFloat = 1.0
+    """[1/s] least H with `damping="critical"`."""
+    z_min: PositiveFloat = 0.1
+    """[m] least depth."""
+    z_max: PositiveFloat = 100.0
+    """[m] greatest depth."""
+
+    pose_model: Literal["position", "velocity", "printed"] = "position"
+    """Observation model of the pose filter (docs/equations.md, section 4)."""
+    measurement: Literal["fixed", "depth"] = "fixed"
+    """Covariance of a point in the pose update: fixed, or from the depth observers of both robots."""
+    measurement_sd: PositiveFloat = 0.05
+    """[m; m/s] standard deviation with `measurement="fixed"`, and the floor with `"depth"`."""
+    process: Literal["fixed", "odometry"] = "fixed"
+    """Process noise of the pose: fixed per sample, or from the odometry noise of both robots."""
+    process_sd: PositiveFloat = 1e-3
+    """[m, m, rad] standard deviation of the pose's process noise per sample with `process="fixed"`."""
+    use_unseen: bool = False
+    """Whether remembered points (known, but not seen at that sample) take part in the pose update."""
+
+    image_noise: NonNegativeFloat = 0.003
+    """[-] standard deviation of normalised image coordinates."""
+    odometry_noise: tuple[NonNegativeFloat, NonNegativeFloat] = (0.01, 0.01)
+    """[m/s, rad/s] standard deviation of the odometry of one sample: each speed, yaw rate."""
+    max_gap: PositiveFloat = 0.3
+    """[s] longest gap between two sights of a point that the depth observer bridges as one interval."""
+
+    @model_validator(mode="after")
+    def _depths_are_a_range(self) -> "CascadeConfig":
+        if self.z_min >= self.z_max:
+            raise ValueError(f"Argument `z_max` must be above `z_min` = {self.z_min}, but is {self.z_max}.")
+        return self
+
+
+class MapAlignmentConfig(EstimatorOptions):
+    """A joint map per robot, and the pose anew from the two maps at each sample."""
+
+    kind: Literal["map-alignment"] = "map-alignment"
+
+
+EstimatorConfig = Annotated[CascadeConfig | MapAlignmentConfig, Field(discriminator="kind")]
+"""Any built-in estimator's configuration, told apart by `kind`."""
+
+PRESETS: Mapping[str, CascadeConfig | MapAlignmentConfig] = MappingProxyType(
+    {
+        "cascade": CascadeConfig(),
+        "cascade-critical": CascadeConfig(damping="critical", measurement="depth", process="odometry"),
+        "map-alignment": MapAlignmentConfig(),
+    }
+)
+"""The registry of names."""
+
+_ADAPTER: TypeAdapter[CascadeConfig | MapAlignmentConfig] = TypeAdapter(EstimatorConfig)
+
+
+def from_mapping(data: Mapping[str, Any]) -> CascadeConfig | MapAlignmentConfig:
+    """Return the configuration that `data` (plain data with a `kind`) describes."""
+    kinds = sorted({preset.kind for preset in PRESETS.values()})
+    if data.get("kind") not in kinds:
+        given = data.get("kind", "missing")
+        raise ValueError(
+            f"Argument `kind` must be the kind of an estimator, but is {given!r}.{suggest(str(given), kinds)}"
+        )
+    return _ADAPTER.validate_python(dict(data))

@@ -1,0 +1,68 @@
+"""One registry of estimator names, used alike in configuration, on the command line, in results and in the docs."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from relloc_env.estimators.config import PRESETS, CascadeConfig, MapAlignmentConfig, from_mapping, suggest
+from relloc_env.estimators.protocol import Estimator
+
+
+def names() -> list[str]:
+    """Return the names of all estimators."""
+    return sorted(PRESETS)
+
+
+def resolve(
+    estimator: str | CascadeConfig | MapAlignmentConfig | Mapping[str, Any],
+) -> CascadeConfig | MapAlignmentConfig:
+    """Return the configuration behind a name, a configuration, or plain data with a `kind`."""
+    if isinstance(estimator, str):
+        if estimator not in PRESETS:
+            raise ValueError(
+                f"Argument `estimator` must be the name of an estimator, but is {estimator!r}."
+                f"{suggest(estimator, names())}"
+            )
+        return PRESETS[estimator]
+    if isinstance(estimator, CascadeConfig | MapAlignmentConfig):
+        return estimator
+    if isinstance(estimator, Mapping):
+        return from_mapping(estimator)
+    raise TypeError(
+        f"Argument `estimator` must be a name, a configuration or a mapping, but is {type(estimator).__name__}."
+    )
+
+
+def make(
+    estimator: str | CascadeConfig | MapAlignmentConfig | Mapping[str, Any],
+    num_envs: int,
+    robots: int,
+    points: int,
+    *,
+    message_window: int = 1,
+) -> Estimator:
+    """Build an estimator; its compiled kernels are loaded here, not before.
+
+    Args:
+        estimator: a name (see `names`), a configuration, or plain data with a `kind`.
+        num_envs: number N of environments.
+        robots: number R of robots.
+        points: number M of points.
+        message_window: [samples] 1 + the greatest age at which a message may arrive, at most 64.
+    """
+    config = resolve(estimator)
+    for label, value, high in (
+        ("num_envs", num_envs, None),
+        ("robots", robots, None),
+        ("points", points, None),
+        ("message_window", message_window, 64),
+    ):
+        if value < 1 or (high is not None and value > high):
+            span = "at least 1" if high is None else f"from 1 to {high}"
+            raise ValueError(f"Argument `{label}` must be {span}, but is {value!r}.")
+    if isinstance(config, CascadeConfig):
+        from relloc_env.estimators.cascade import Cascade
+
+        return Cascade(num_envs, robots, points, config, message_window=message_window)
+    from relloc_env.estimators.map_alignment import MapAlignment
+
+    return MapAlignment(num_envs, robots, points, config, message_window=message_window)
