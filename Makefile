@@ -35,7 +35,7 @@ types: .venv/.dev ## static types: mypy, strict
 	@$(BIN)/mypy
 
 imports: .venv/.dev ## who may import whom: import-linter
-	@$(BIN)/lint-imports
+	@$(BIN)/lint-imports --no-logo --cache-dir .cache/import-linter
 
 pytest: .venv/.dev ## the tests alone; ARGS="tests/kernels -x" chooses
 	@$(BIN)/python -m pytest -n $(JOBS) $(ARGS)
@@ -44,7 +44,7 @@ build: .venv/.dev ## wheel and source archive in dist/
 	@$(BIN)/python -m pip wheel --quiet --no-deps --wheel-dir dist .
 
 clean: ## remove what the tasks made, .venv included
-	@rm -rf .venv .cache out dist .mypy_cache .pytest_cache .ruff_cache .hypothesis .import_linter_cache
+	@rm -rf .venv .cache out dist .mypy_cache .pytest_cache .ruff_cache .hypothesis
 	@find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 # Stamps: a set-up is done again when the list of dependencies changes, not otherwise. The demo's is the smaller one.
