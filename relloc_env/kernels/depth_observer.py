@@ -1,0 +1,206 @@
+"""The depth observer of one point: gains, step between two measured samples, open-loop prediction.
+
+After [RMDA19] (equations for s-hat and chi-hat) and Spica & Robuffo Giordano, CDC 2013; docs/equations.md, section 3:
+
+    ds_hat/dt   = f_m(s, u) + Omega chi_hat + H (s - s_hat),      Omega = [v x + l, v y]
+    dchi_hat/dt = f_u(s, u, chi_hat) + alpha Lambda Omega (s - s_hat)
+
+with f_m = w [1 + x², x y] and f_u = v chi_hat² + w x chi_hat. The lateral speed l (to the left) is 0 for a
+differential drive: it moves the image like l [1, 0] chi, so it stands beside v x in Omega and nowhere else.
+"""
+
+import math
+
+from relloc_env.kernels._compile import kernel
+from relloc_env.kernels.motion import arc, move_point
+
+# 1/n for n = 0, 1, … (a product is cheaper than a quotient)
+_INVERSE = (0.0, 1.0, 1 / 2, 1 / 3, 1 / 4, 1 / 5, 1 / 6, 1 / 7, 1 / 8, 1 / 9, 1 / 10)
+
+
+@kernel
+def gains(v, lateral, x, y, h, alpha_lambda, critical, floor):
+    """Observer gain H [1/s]: as given, or critically damped for the present excitation.
+
+    Linearised, the error of chi obeys r² + H r + alpha Lambda sigma² = 0, sigma² = |Omega|² = (v x + l)² + (v y)²:
+    critical damping is H = 2 sqrt(alpha Lambda) sigma (docs/equations.md, section 3).
+
+    Args:
+        v, lateral: [m/s] velocity of the camera, forward and to the left.
+        x, y: [-] measured image coordinates (y may be NaN: a bearing without a height).
+        h: [1/s] fixed gain.
+        alpha_lambda: [1/m²] product of the gains alpha and Lambda.
+        critical: whether H follows the excitation.
+        floor: [1/s] smallest H when it does.
+    """
+    if not critical:
+        return h
+    o_x = v * x + lateral
+    o_y = 0.0 if math.isnan(y) else v * y
+    return max(floor, 2.0 * math.sqrt(alpha_lambda * (o_x * o_x + o_y * o_y)))
+
+
+@kernel
+def mean_decay(u):
+    """Mean of exp(-u t) over t in [0, 1]: (1 - exp(-u))/u, by its series near zero (error below 1e-16)."""
+    if abs(u) < 0.1:
+        high = 1 / 120 + u * (-1 / 720 + u * (1 / 5040 + u * (-1 / 40320 + u / 362880)))
+        return 1.0 + u * (-1 / 2 + u * (1 / 6 + u * (-1 / 24 + u * high)))
+    return -math.expm1(-u) / u
+
+
+@kernel
+def modes(h, stiffness, dt):
+    """Closed form of the linear error dynamics over a step, for M = dt [[-H, -sigma], [alpha Lambda sigma, 0]].
+
+    exp(M) follows from two numbers, s and i, that have no singular point: with a = H dt and k = stiffness dt²,
+
+        exp(M) = [[1 - a s - k i, -sigma dt s], [alpha Lambda sigma dt s, 1 - k i]]
+
+    s is the unit impulse response of r'' + a r' + k r at time 1, i its integral. Over-damped, under-damped and nearly
+    critical cases have their own formula; slow steps (the usual case) a power series that covers all three.
+
+    Args:
+        h: [1/s] gain H.
+        stiffness: [1/s²] alpha Lambda sigma².
+        dt: [s] length of the step.
+
+    Returns:
+        (s_0, s, i): [-] s without stiffness (the part of the image error across Omega), s and i.
+    """
+    a, k = h * dt, stiffness * dt * dt
+    s_0 = mean_decay(a)
+    if a < 0.25 and k < 0.0625:
+        before, now = 0.0, 0.5
+        s, i = 1.0, 0.5
+        for n in range(3, 11):
+            before, now = now, -_INVERSE[n] * (a * now + k * _INVERSE[n - 1] * before)
+            s += n * now
+            i += now
+        return s_0, s, i
+    a_half = 0.5 * a
+    u = a_half * a_half - k
+    if u > 0.01:
+        root = math.sqrt(u)
+        fast = a_half + root
+        slow = k / fast
+        mean_slow, mean_fast = mean_decay(slow), mean_decay(fast)
+        return s_0, (fast * mean_fast - slow * mean_slow) / (2.0 * root), (mean_slow - mean_fast) / (2.0 * root)
+    if u < -0.5:
+        root = math.sqrt(-u)
+        even, odd = math.cos(root), math.sin(root) / root
+    else:
+        even = 1.0 + u / 2 * (1.0 + u / 12 * (1.0 + u / 30 * (1.0 + u / 56 * (1.0 + u / 90 * (1.0 + u / 132)))))
+        odd = 1.0 + u / 6 * (1.0 + u / 20 * (1.0 + u / 42 * (1.0 + u / 72 * (1.0 + u / 110 * (1.0 + u / 156)))))
+    decay = math.exp(-a_half)
+    return s_0, decay * odd, (1.0 - decay * (even + a_half * odd)) / k
+
+
+@kernel
+def interval_means(x0, y0, x1, y1, chi, v, w, dt):
+    """Means of x, y, x² and x y over the interval between two samples (Simpson's rule, fourth order).
+
+    The middle is that of the cubic through both samples with the slopes of the image flow at them; noise is averaged.
+
+    Args:
+        x0, y0, x1, y1: [-] image coordinates at both ends.
+        chi: [1/m] inverse depth between them (an estimate will do: it bends the path by v chi dt only).
+        v, w: [m/s, rad/s] forward speed, yaw rate (a lateral speed adds the same slope at both ends).
+        dt: [s] length of the interval.
+    """
+    x_m = 0.5 * (x0 + x1) - 0.125 * dt * (x1 - x0) * (w * (x0 + x1) + v * chi)
+    y_m = 0.5 * (y0 + y1) - 0.125 * dt * (w * (x1 * y1 - x0 * y0) + v * chi * (y1 - y0))
+    return (
+        (x0 + 4.0 * x_m + x1) / 6.0,
+        (y0 + 4.0 * y_m + y1) / 6.0,
+        (x0 * x0 + 4.0 * x_m * x_m + x1 * x1) / 6.0,
+        (x0 * y0 + 4.0 * x_m * y_m + x1 * y1) / 6.0,
+    )
+
+
+@kernel
+def inverse_depth_flow(chi, x, v, w, dt, chi_min, chi_max):
+    """dchi/dt = v chi² + w x chi over a step with x constant, exact: dz/dt = -v - w x z is linear in z = 1/chi.
+
+    Args:
+        chi: [1/m] inverse depth.
+        x: [-] horizontal image coordinate.
+        v, w: [m/s, rad/s] forward speed, yaw rate.
+        dt: [s] length of the step.
+        chi_min, chi_max: [1/m] bounds of the result.
+    """
+    u = w * x * dt
+    mean = mean_decay(u)
+    z = (1.0 - u * mean) / chi - v * dt * mean
+    return 1.0 / min(max(z, 1.0 / chi_max), 1.0 / chi_min)
+
+
+@kernel
+def correct(x0, y0, x1, y1, means, xh, yh, chi, v, lateral, w, dt, h, alpha_lambda, mode, chi_min, chi_max):
+    """`observer_step` with the means of the interval and the modes of the step already known."""
+    x, y, xx, xy = means
+    s_0, s, i = mode
+    o_x, o_y = v * x + lateral, v * y
+    sigma2 = o_x * o_x + o_y * o_y
+    a, k = h * dt, alpha_lambda * sigma2 * dt * dt
+    e_x, e_y = x0 - xh, y0 - yh
+    g_x, g_y = x1 - x0 - w * dt * (1.0 + xx), y1 - y0 - w * dt * xy
+    e_o, g_o = o_x * e_x + o_y * e_y, o_x * g_x + o_y * g_y
+    chi = inverse_depth_flow(chi, x, v, w, 0.5 * dt, chi_min, chi_max)
+    along = -dt * s * chi
+    if sigma2 > 0.0:
+        along += ((a * (s_0 - s) - k * i) * e_o + (s - s_0) * g_o) / sigma2
+    decay = 1.0 - a * s_0
+    xh = x1 - (decay * e_x + s_0 * g_x + o_x * along)
+    yh = y1 - (decay * e_y + s_0 * g_y + o_y * along)
+    chi = (1.0 - k * i) * chi + alpha_lambda * dt * (s * e_o + i * g_o)
+    chi = min(max(chi, chi_min), chi_max)
+    return xh, yh, inverse_depth_flow(chi, x, v, w, 0.5 * dt, chi_min, chi_max)
+
+
+@kernel
+def observer_step(x0, y0, x1, y1, xh, yh, chi, v, lateral, w, dt, h, alpha_lambda, chi_min, chi_max):
+    """The observer's state at the later of two measured samples, from that at the earlier one.
+
+    In e = s - s_hat the observer is linear but for f_u: de/dt = (ds/dt - f_m) - Omega chi_hat - H e,
+    dchi_hat/dt = f_u + alpha Lambda Omega e. Strang splitting: half a step of f_u (exact in 1/chi), the exact
+    exponential of the linear part with Omega and f_m averaged over the interval, half a step of f_u. Second order in
+    dt; bounded for any gain and dt, since the exponential contracts e and chi is clamped.
+
+    Args:
+        x0, y0, x1, y1: [-] measured image coordinates at both ends.
+        xh, yh, chi: [-, -, 1/m] the observer's state at the earlier sample.
+        v, lateral, w: [m/s, m/s, rad/s] mean velocity between them.
+        dt: [s] time between them; 0 changes nothing.
+        h, alpha_lambda: [1/s, 1/m²] gains.
+        chi_min, chi_max: [1/m] bounds of chi.
+
+    Returns:
+        (xh, yh, chi) at the later sample.
+    """
+    means = interval_means(x0, y0, x1, y1, chi, v, w, dt)
+    o_x, o_y = v * means[0] + lateral, v * means[1]
+    mode = modes(h, alpha_lambda * (o_x * o_x + o_y * o_y), dt)
+    return correct(x0, y0, x1, y1, means, xh, yh, chi, v, lateral, w, dt, h, alpha_lambda, mode, chi_min, chi_max)
+
+
+@kernel
+def predict(xh, yh, chi, v, lateral, w, dt, z_min):
+    """Open loop over a step: the estimated point seen after the exact arc (docs/equations.md, section 2).
+
+    Image coordinates end at the image plane. A point predicted nearer than `z_min`, beside or behind the camera is
+    returned at depth `z_min` with its lateral and vertical place kept, so that the answer is finite and says on which
+    side the point went; its depth is lost. What must outlast that keeps the point in the body frame instead
+    (`depth_state` does).
+
+    Args:
+        xh, yh, chi: [-, -, 1/m] state.
+        v, lateral, w: [m/s, m/s, rad/s] velocity over the step.
+        dt: [s] length of the step.
+        z_min: [m] smallest depth of the answer, above 0.
+    """
+    z = 1.0 / chi
+    c_x, c_y, delta = arc(v, lateral, w, dt)
+    q_x, q_y = move_point(z, -xh * z, c_x, c_y, delta)
+    q_x = max(q_x, z_min)
+    return -q_y / q_x, yh * z / q_x, 1.0 / q_x
