@@ -1,7 +1,20 @@
 """Recorded robots: readers that turn published data sets, and the project's own logs, into the same observations."""
 
+from relloc_env.logs.episode import LogWriter, read_log, write_log
 from relloc_env.logs.errors import LogError
 from relloc_env.logs.mrclam import CommandModel, MrclamFolder, read_mrclam
 from relloc_env.logs.source import Log, Truth
+from relloc_env.logs.starloc import read_starloc
 
-__all__ = ["CommandModel", "Log", "LogError", "MrclamFolder", "Truth", "read_mrclam"]
+__all__ = [
+    "CommandModel",
+    "Log",
+    "LogError",
+    "LogWriter",
+    "MrclamFolder",
+    "Truth",
+    "read_log",
+    "read_mrclam",
+    "read_starloc",
+    "write_log",
+]

@@ -74,7 +74,14 @@ class Log:
     def blocks(self, size: int = 1) -> Iterator[Samples]:
         """Yield the samples in order, `size` of them (the last block: what is left) at a time."""
         for k in range(0, len(self), size):
-            yield Samples(*(np.ascontiguousarray(value[:, k : k + size]) for value in self.samples))
+            s, part = self.samples, slice(k, k + size)
+            yield Samples(
+                np.ascontiguousarray(s.period[:, part]),
+                np.ascontiguousarray(s.odometry[:, part]),
+                np.ascontiguousarray(s.image[:, part]),
+                np.ascontiguousarray(s.seen[:, part]),
+                np.ascontiguousarray(s.arrived[:, part]),
+            )
 
     def cut(self, start: float | None = None, stop: float | None = None) -> "Log":
         """Return the part from `start` to `stop` [s], with the points seen in it; it begins anew, with period 0."""

@@ -1,0 +1,219 @@
+"""Reader of STAR-loc sequences (Dümbgen et al., arXiv:2309.05518): one camera on a cart, tags on the walls.
+
+Pixels of the left camera are levelled by its fixed pitch and roll, so that the planar equations hold. There are no
+wheel encoders: velocities come from the motion capture. The right camera gives a depth of its own, for scores.
+"""
+
+import csv
+import json
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from relloc_env.logs.errors import LogError
+from relloc_env.logs.odometry import fill_times, mean_velocity
+from relloc_env.logs.source import Log, Truth, perfect_network
+from relloc_env.logs.tables import check_order, line_of_row, read_table, read_text
+from relloc_env.samples import Float, Prior, Samples
+
+DETECTIONS = "apriltag_cal_individual.csv"
+POSE = ("cam_x", "cam_y", "cam_z", "cam_rot_x", "cam_rot_y", "cam_rot_z", "cam_w")
+NEEDED = ("time_s", "apriltag_id", "left_u", "left_v", "right_u", "right_v", *POSE)
+
+
+@dataclass(frozen=True)
+class Track:
+    """One uninterrupted run of sights of a tag."""
+
+    tag: int
+    rows: "np.ndarray[tuple[int], np.dtype[np.int64]]"
+    """Rows of the detections."""
+
+
+def _header(path: Path, needed: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the column names of a CSV file; raise where one of `needed` is missing."""
+    names = tuple(name.strip() for name in next(csv.reader([read_text(path).splitlines()[0]])))
+    missing = [name for name in needed if name not in names]
+    if missing:
+        raise LogError(path, f"must have the columns {', '.join(needed)}, but lacks {', '.join(missing)}", 1)
+    return names
+
+
+def _read_columns(path: Path, needed: tuple[str, ...]) -> tuple[dict[str, Float], str]:
+    """Read a CSV file with a header line, by column."""
+    names = _header(path, needed)
+    table, text = read_table(path, names, delimiter=",", skip=1)
+    return {name: table[:, j] for j, name in enumerate(names)}, text
+
+
+def _read_json(path: Path) -> Any:
+    try:
+        return json.loads(read_text(path))
+    except json.JSONDecodeError as error:
+        raise LogError(path, f"is not JSON ({error.msg})", error.lineno) from None
+
+
+def _calibration(path: Path) -> dict[str, float]:
+    data = _read_json(path)
+    values = {}
+    for name in ("fu", "fv", "cu", "cv", "b"):
+        value = data.get(name) if isinstance(data, dict) else None
+        if not isinstance(value, int | float) or not math.isfinite(value) or (name in ("fu", "fv", "b") and value <= 0):
+            raise LogError(
+                path, f"`{name}` must be a finite number (focal lengths and baseline positive), but is {value!r}"
+            )
+        values[name] = float(value)
+    return values
+
+
+def _environment(sequence: Path) -> Path:
+    """Return the file of the tags' positions that belongs to a sequence."""
+    folder = sequence.parent / "mocap"
+    listing = sequence.parent / "dataset_params.json"
+    if listing.exists():
+        for entry in _read_json(listing):
+            if isinstance(entry, dict) and entry.get("name") == sequence.name and "landmarks" in entry:
+                return folder / f"environment_{entry['landmarks']}.csv"
+    found = sorted(folder.glob("environment_*.csv"))
+    if len(found) != 1:
+        raise LogError(folder, f"must hold the tags' positions (one environment_*.csv), but holds {len(found)}")
+    return found[0]
+
+
+def camera_axes(quaternion: Float) -> Float:
+    """Axes of the camera in the world, (…, 3, 3) with columns right, down, forward.
+
+    The published quaternion (…, 4: x, y, z, w) turns the world into the camera; its conjugate is taken here.
+    """
+    x, y, z, w = np.moveaxis(quaternion / np.linalg.norm(quaternion, axis=-1, keepdims=True), -1, 0)
+    x, y, z = -x, -y, -z
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def levelling(axes: Float) -> Float:
+    """Rotation (3, 3) from the camera to a level camera with the same heading: the mean over the frames' axes."""
+    forward = axes[:, :, 2]
+    yaw = np.arctan2(forward[:, 1], forward[:, 0])
+    cos, sin, zero, one = np.cos(yaw), np.sin(yaw), np.zeros_like(yaw), np.ones_like(yaw)
+    level = np.stack(
+        [np.stack([sin, -cos, zero], -1), np.stack([zero, zero, -one], -1), np.stack([cos, sin, zero], -1)], 1
+    )
+    u, _, vt = np.linalg.svd((level @ axes).mean(axis=0))
+    mean: Float = u @ vt
+    return mean
+
+
+def split_tracks(time: Float, tag: Float, longest_gap: float, shortest: float) -> list[Track]:
+    """Runs of sights of each tag without a gap over `longest_gap` [s], at least `shortest` [s] long, by first sight."""
+    tracks: list[Track] = []
+    for number in np.unique(tag):
+        rows = np.flatnonzero(tag == number)
+        parts = np.split(rows, np.flatnonzero(np.diff(time[rows]) > longest_gap) + 1)
+        tracks += [Track(int(number), part) for part in parts if time[part[-1]] - time[part[0]] >= shortest]
+    return sorted(tracks, key=lambda track: (track.rows[0], track.tag))
+
+
+def read_starloc(
+    path: str | Path,
+    *,
+    environment: str | Path | None = None,
+    longest_gap: float = 1.5,
+    shortest: float = 6.0,
+    longest_step: float = 0.25,
+) -> Log:
+    """Read a STAR-loc sequence as published; each track is a point of its own.
+
+    Args:
+        path: folder of the sequence, with apriltag_cal_individual.csv and calib.json.
+        environment: file of the tags' positions; default: what ../dataset_params.json says, in ../mocap.
+        longest_gap: [s] a tag that is out of view for longer begins a new track.
+        shortest: [s] shorter tracks are left out.
+        longest_step: [s] gaps between frames are filled with samples without sights so that no step is longer.
+
+    Raises:
+        LogError: naming file and line, for files that are missing, empty, malformed, unsorted, or mixed up.
+    """
+    folder = Path(path)
+    source = folder / DETECTIONS
+    columns, text = _read_columns(source, NEEDED)
+    stamp, tag = columns["time_s"], columns["apriltag_id"]
+    check_order(source, text, stamp, skip=1)
+    calibration = _calibration(folder / "calib.json")
+    places_path = _environment(folder) if environment is None else Path(environment)
+    places, _ = _read_columns(places_path, ("x", "y", "z", "april_id"))
+    position = {int(a): (x, y, z) for a, x, y, z in zip(*(places[k] for k in ("april_id", "x", "y", "z")), strict=True)}
+    unknown = [row for row, number in enumerate(tag) if int(number) not in position]
+    if unknown:
+        raise LogError(
+            source,
+            f"tag {tag[unknown[0]]:g} must be listed in {places_path.name}, but is not",
+            line_of_row(text, unknown[0], 1),
+        )
+    quaternion = np.column_stack([columns[name] for name in POSE[3:]])
+    bad = np.flatnonzero(np.abs(np.linalg.norm(quaternion, axis=1) - 1.0) > 0.01)
+    if bad.size:
+        raise LogError(source, "the camera's quaternion must have length 1", line_of_row(text, int(bad[0]), 1))
+    disparity = columns["left_u"] - columns["right_u"]
+    axes = camera_axes(quaternion)
+    level = levelling(axes)
+    rays = (
+        np.column_stack(
+            [
+                (columns["left_u"] - calibration["cu"]) / calibration["fu"],
+                (columns["left_v"] - calibration["cv"]) / calibration["fv"],
+                np.ones(len(stamp)),
+            ]
+        )
+        @ level.T
+    )
+    tracks = split_tracks(stamp, tag, longest_gap, shortest)
+    if not tracks:
+        raise LogError(source, f"holds no tag that is seen for {shortest:g} s without a gap of {longest_gap:g} s")
+
+    frames, first = np.unique(stamp, return_index=True)
+    time = fill_times(frames, longest_step)
+    period = np.diff(time, prepend=time[0])
+    yaw = np.unwrap(np.arctan2(axes[first, 1, 2], axes[first, 0, 2]))
+    planar = np.column_stack([columns["cam_x"][first], columns["cam_y"][first], yaw])
+    poses = np.column_stack([np.interp(time, frames, planar[:, j]) for j in range(3)])
+    count, points = len(time), len(tracks)
+    image = np.zeros((1, count, 1, points, 2), dtype=np.float32)
+    seen = np.zeros((1, count, 1, points), dtype=np.bool_)
+    sensed = np.full((count, 1, points), np.nan)
+    sample = np.searchsorted(time, stamp)
+    with np.errstate(divide="ignore"):
+        stereo = np.where(disparity > 0.0, calibration["fu"] * calibration["b"] / disparity, np.nan) * rays[:, 2]
+    for m, track in enumerate(tracks):
+        k = sample[track.rows]
+        image[0, k, 0, m] = rays[track.rows, :2] / rays[track.rows, 2:]
+        seen[0, k, 0, m] = True
+        sensed[k, 0, m] = stereo[track.rows]
+    log = Log(
+        name=folder.name,
+        kind="starloc",
+        robots=("camera",),
+        points=tuple(f"tag_{t.tag} from {stamp[t.rows[0]] - stamp[0]:.1f} s" for t in tracks),
+        samples=Samples(
+            period[None], mean_velocity(poses, period)[None, :, None], image, seen, perfect_network(count, 1)
+        ),
+        prior=Prior(np.full((1, 1, points), 3.0), np.zeros((1, 0, 3)), 2.0, np.ones(3)),
+        truth=Truth(poses[:, None], np.array([position[t.tag] for t in tracks]), sensed),
+        velocity="mocap",
+        configuration={
+            "velocity": "mocap",
+            "environment": places_path.name,
+            "pitch_deg": math.degrees(math.asin(-level[1, 2])),
+            "longest_gap": longest_gap,
+            "shortest": shortest,
+            "longest_step": longest_step,
+        },
+    )
+    return log.cut()
