@@ -1,0 +1,512 @@
+"""Configuration: frozen, checked where it is built, and plain data (dict, YAML, JSON) and back without loss.
+
+`load_config` is the one way in: from keyword arguments, a mapping, a file, or the name of a scenario.
+"""
+
+import difflib
+import math
+import types
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Literal, Self, TypeVar, get_args
+
+import yaml
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, field_validator, model_validator
+
+from relloc_env.estimators.config import EstimatorConfig
+from relloc_env.estimators.registry import resolve
+
+NonNegative = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
+Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Pair = tuple[NonNegative, NonNegative]
+Range = tuple[Finite, Finite]
+Vector3 = tuple[Finite, Finite, Finite]
+
+
+class ConfigError(ValueError):
+    """A configuration that cannot be: the message names the option, what it must be, and what it was."""
+
+
+class Model(BaseModel):
+    """Base of all configurations: frozen and strict about names."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", validate_default=True)
+
+
+class RobotConfig(Model):
+    """A disc robot with differential drive."""
+
+    radius: Positive = 0.18
+    """[m]"""
+    height: Positive = 0.4
+    """[m] of the body: what hides points from the other camera."""
+    mass: Positive = 5.0
+    """[kg]"""
+    max_speed: Positive = 0.3
+    """[m/s] forward, and backward where `reverse`."""
+    max_yaw_rate: Positive = 0.8
+    """[rad/s]"""
+    reverse: bool = True
+    lag: Pair = (0.0, 0.0)
+    """[s] time constants of the first-order response in speed and yaw rate; 0 follows at once."""
+    actuator_noise: Pair = (0.0, 0.0)
+    """[m/s, rad/s] standard deviation of what the wheels add to the command in each sample."""
+    odometry_noise: Pair = (0.01, 0.01)
+    """[m/s, rad/s] standard deviation of the measured speed and yaw rate in each sample."""
+
+
+CAMERAS: dict[str, dict[str, Any]] = {
+    "pi": {"width": 640, "height": 480, "field_of_view": 62.2, "pixel_noise": 1.6},
+    "kinect": {"width": 640, "height": 480, "field_of_view": 57.0, "pixel_noise": 1.0, "near": 0.4, "far": 8.0},
+    "unlimited": {"width": 640, "height": 480, "field_of_view": 90.0, "pixel_noise": 0.0, "limited": False},
+}
+"""Presets: a Pi camera (TurtleBot 3), a Kinect-class camera (TurtleBot 2), one that sees all points ahead of it."""
+
+
+class CameraConfig(Model):
+    """A pinhole camera, looking along the robot's heading. Give `focal_length` or `field_of_view`, not both."""
+
+    preset: Literal["pi", "kinect", "unlimited"] | None = None
+    width: Annotated[int, Field(gt=0)] = 640
+    """[px]"""
+    height: Annotated[int, Field(gt=0)] = 480
+    """[px]"""
+    focal_length: Positive
+    """[px]"""
+    principal_point: tuple[Finite, Finite]
+    """[px] column and row where the optical axis meets the image; the middle by default."""
+    mount_height: Positive = 0.3
+    """[m] of the camera above the floor."""
+    pixel_noise: NonNegative = 1.6
+    """[px] standard deviation of each coordinate of a detection."""
+    quantisation: NonNegative = 0.0
+    """[px] step to which detections are rounded; 0 for none."""
+    frame_rate: Positive | None = None
+    """[Hz] of the camera, at most the sample rate; None for one frame in each sample."""
+    near: NonNegative = 0.1
+    """[m] least depth at which a point is detected."""
+    far: Positive | None = None
+    """[m] greatest depth; None for no limit."""
+    miss_probability: Annotated[float, Field(ge=0.0, le=1.0)] = 0.0
+    """chance that a point in view is not detected in a frame."""
+    limited: bool = True
+    """whether the image has borders; without, every point ahead of the camera is in view."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _complete(cls, data: Any) -> Any:
+        """Fill in the preset, the focal length from the field of view, and the principal point."""
+        if isinstance(data, str):
+            data = {"preset": data}
+        if not isinstance(data, Mapping):
+            return data
+        data = dict(data)
+        preset = data.get("preset")
+        base = dict(CAMERAS.get(preset, {})) if isinstance(preset, str) else dict(CAMERAS["pi"])
+        if "focal_length" in data:
+            base.pop("field_of_view", None)
+        data = base | data
+        width, height = data.get("width", 640), data.get("height", 480)
+        if "field_of_view" in data:
+            angle = data.pop("field_of_view")
+            if "focal_length" in data:
+                raise ValueError("must have `focal_length` or `field_of_view`, not both")
+            if not isinstance(angle, int | float) or not 0.0 < angle < 180.0:
+                raise ValueError(f"must have a `field_of_view` between 0 and 180 degrees, but it is {angle!r}")
+            if isinstance(width, int | float):
+                data["focal_length"] = 0.5 * width / math.tan(0.5 * math.radians(angle))
+        if isinstance(width, int | float) and isinstance(height, int | float):
+            data.setdefault("principal_point", (0.5 * width, 0.5 * height))
+        return data
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.far is not None and self.far <= self.near:
+            raise ValueError(f"must have `far` greater than `near` ({self.near}), but it is {self.far}")
+        return self
+
+    @property
+    def image_noise(self) -> float:
+        """[-] standard deviation of a normalised image coordinate: pixel noise and rounding."""
+        return math.hypot(self.pixel_noise, self.quantisation / math.sqrt(12.0)) / self.focal_length
+
+    @property
+    def half_view(self) -> float:
+        """[rad] half the horizontal field of view."""
+        return math.atan(0.5 * self.width / self.focal_length)
+
+
+class DiscConfig(Model):
+    """A round obstacle."""
+
+    shape: Literal["disc"] = "disc"
+    position: tuple[Finite, Finite]
+    """[m] of its centre in the world."""
+    radius: Positive
+    """[m]"""
+    height: Positive = 2.0
+    """[m]"""
+
+
+class BoxConfig(Model):
+    """A rectangular obstacle."""
+
+    shape: Literal["box"] = "box"
+    position: tuple[Finite, Finite]
+    """[m] of its centre in the world."""
+    size: tuple[Positive, Positive]
+    """[m] full length along its own x and y."""
+    angle: Finite = 0.0
+    """[rad] of its x axis, counter-clockwise from the world's."""
+    height: Positive = 2.0
+    """[m]"""
+
+
+class ShieldConfig(Model):
+    """Speed is set to zero for a sample that would bring a robot closer than this. Not a contact."""
+
+    target: NonNegative = 0.5
+    """[m] between camera and target, in the plane."""
+    robot: NonNegative = 0.6
+    """[m] between the robots' centres."""
+    wall: NonNegative = 0.3
+    """[m] between a robot's centre and a wall or an obstacle."""
+
+
+class StartConfig(Model):
+    """Distribution of starts; what `poses` or `points` fix is not drawn."""
+
+    target_distance: Range = (2.0, 7.0)
+    """[m] least and greatest distance of each robot to each target, in the plane."""
+    target_separation: Range = (0.8, 4.0)
+    """[m] least and greatest distance between targets, in the plane."""
+    target_height: Range = (-0.3, 0.8)
+    """[m] of targets above the camera."""
+    heading_error: Annotated[float, Field(ge=0.0, le=180.0)] = 8.0
+    """[deg] greatest angle between heading and direction to the targets' centroid."""
+    robot_distance: NonNegative = 1.0
+    """[m] least distance between the robots."""
+    margin: NonNegative = 0.5
+    """[m] least distance of everything to the walls."""
+    in_view: bool = True
+    """whether every robot sees every target at the start."""
+
+    @field_validator("target_distance", "target_separation", "target_height")
+    @classmethod
+    def _ordered(cls, value: tuple[float, float]) -> tuple[float, float]:
+        if value[0] > value[1]:
+            raise ValueError("must be a pair (least, greatest)")
+        return value
+
+
+class GuessConfig(Model):
+    """What the robots are told at the start: the truth with errors of this size."""
+
+    kind: Literal["fixed", "positive", "gaussian"] = "fixed"
+    """errors of fixed size and random sign, of fixed size and positive, or Gaussian."""
+    depth: NonNegative = 1.0
+    """[m] error of each robot's guess of a target's depth."""
+    position: NonNegative = 1.5
+    """[m] error of each coordinate of the other robot's position."""
+    heading: NonNegative = 60.0
+    """[deg] error of the other robot's heading."""
+    depth_sd: Positive = 1.0
+    """[m] standard deviation the estimators and the bound give to the depth guess."""
+    position_sd: Positive = 1.5
+    """[m] the same for the position."""
+    heading_sd: Positive = 60.0
+    """[deg] the same for the heading."""
+
+
+class NetworkConfig(Model):
+    """How a robot's message reaches the other; perfect by default."""
+
+    latency: NonNegative = 0.0
+    """[s]"""
+    jitter: NonNegative = 0.0
+    """[s] added to the latency, uniform from 0 to this."""
+    loss: Annotated[float, Field(ge=0.0, le=1.0)] = 0.0
+    """chance that a message is lost."""
+    rate: Positive | None = None
+    """[Hz] greatest rate of messages; None for one in each sample."""
+
+    @property
+    def perfect(self) -> bool:
+        """Whether every message arrives at once."""
+        return self.latency == 0.0 and self.jitter == 0.0 and self.loss == 0.0 and self.rate is None
+
+
+REWARD_TERMS = (
+    "excitation",
+    "information_depth",
+    "information_pose",
+    "depth_error",
+    "pose_error",
+    "visibility",
+    "collision",
+    "blocked",
+    "effort",
+)
+"""Names of the reward's terms; `relloc_env.rewards` says what each is."""
+
+
+def _named_estimator(value: Any) -> Any:
+    """A name stands for its preset configuration."""
+    return resolve(value) if isinstance(value, str) else value
+
+
+def _sequence(value: Any) -> Any:
+    """One robot or camera stands for a sequence of one."""
+    return (value,) if isinstance(value, str | Mapping | BaseModel) else value
+
+
+class EnvConfig(Model):
+    """One environment. A single entry in `robots_like` or `cameras` holds for all robots."""
+
+    RATE: ClassVar[float] = 20.0
+
+    robots: Annotated[int, Field(ge=1, le=2)] = 2
+    """number of robots."""
+    targets: Annotated[int, Field(ge=1, le=32)] = 2
+    """number of points the robots watch."""
+    robot: Annotated[tuple[RobotConfig, ...], BeforeValidator(_sequence)] = (RobotConfig(),)
+    """one for all, or one per robot."""
+    camera: Annotated[tuple[CameraConfig, ...], BeforeValidator(_sequence)] = (CameraConfig.model_validate("pi"),)
+    """one for all, or one per robot; the name of a preset stands for it."""
+    network: NetworkConfig = NetworkConfig()
+    arena: tuple[Positive, Positive] | None = (10.0, 10.0)
+    """[m] size of the walled floor, centred at the origin; None for an open one."""
+    obstacles: tuple[Annotated[DiscConfig | BoxConfig, Field(discriminator="shape")], ...] = ()
+    shield: ShieldConfig | None = ShieldConfig()
+    poses: tuple[Vector3, ...] | None = None
+    """[m, m, rad] fixed start of each robot in the world; None to draw them."""
+    points: tuple[Vector3, ...] | None = None
+    """[m] fixed targets in the world, z above the floor; None to draw them."""
+    start: StartConfig = StartConfig()
+    guess: GuessConfig = GuessConfig()
+    sample_rate: Positive = RATE
+    """[Hz] of the estimators."""
+    samples_per_action: Annotated[int, Field(ge=1, le=1000)] = 5
+    max_cycles: Annotated[int, Field(ge=1)] = 120
+    """actions until the episode is truncated."""
+    terminate_on_collision: bool = False
+    terminate_on_success: bool = False
+    """whether the episode ends once the bound is at `success`."""
+    success: tuple[Positive, Positive] = (0.05, 1.5)
+    """[m, deg] standard deviation of depth or position, and of the heading, that count as success."""
+    estimator: Annotated[EstimatorConfig | None, BeforeValidator(_named_estimator)] = "cascade-critical"  # type: ignore[assignment]
+    """name or configuration of the estimator; None for the bare environment."""
+    reward: dict[str, Finite] | None = None
+    """weight of each term; None for the default: information gained, less 0.02 for blocked samples."""
+    observation: Literal["flat", "dict"] = "flat"
+
+    @model_validator(mode="before")
+    @classmethod
+    def _counts(cls, data: Any) -> Any:
+        """Fixed points set their number."""
+        if isinstance(data, Mapping) and data.get("points") is not None and "targets" not in data:
+            data = {**data, "targets": len(data["points"])}
+        return data
+
+    @field_validator("reward")
+    @classmethod
+    def _terms(cls, value: dict[str, float] | None) -> dict[str, float] | None:
+        for name in value or ():
+            if name not in REWARD_TERMS:
+                raise ValueError(f"must have terms among {', '.join(REWARD_TERMS)}, but has `{name}`{hint(name)}")
+        return value
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        for name, value, count in (
+            ("robot", self.robot, self.robots),
+            ("camera", self.camera, self.robots),
+        ):
+            if len(value) not in (1, count):
+                raise ValueError(f"must have 1 or {count} entries in `{name}`, but has {len(value)}")
+        if self.poses is not None and len(self.poses) != self.robots:
+            raise ValueError(f"must have {self.robots} entries in `poses`, but has {len(self.poses)}")
+        if self.points is not None and len(self.points) != self.targets:
+            raise ValueError(f"must have {self.targets} entries in `points`, but has {len(self.points)}")
+        if self.message_window > 64:
+            raise ValueError(f"must have latency and jitter of less than 64 samples, but they are {self.message_window}")
+        for camera in self.camera:
+            if camera.frame_rate is not None and camera.frame_rate > self.sample_rate:
+                raise ValueError(
+                    f"must have `frame_rate` at most the sample rate {self.sample_rate}, but it is {camera.frame_rate}"
+                )
+        if self.poses is not None:
+            self.check_poses(self.poses)
+        return self
+
+    def check_poses(self, poses: tuple[tuple[float, float, float], ...]) -> None:
+        """Raise ValueError where a robot at one of `poses` would stand in a wall, an obstacle, or another robot."""
+        for r, (x, y, _) in enumerate(poses):
+            radius = self.robot_of(r).radius
+            if self.arena is not None and (
+                abs(x) + radius > 0.5 * self.arena[0] or abs(y) + radius > 0.5 * self.arena[1]
+            ):
+                raise ValueError(f"must have robots within the walls, but robot {r} at ({x}, {y}) is not")
+            for obstacle in self.obstacles:
+                if _clearance(obstacle, x, y) < radius:
+                    raise ValueError(f"must have robots clear of obstacles, but robot {r} at ({x}, {y}) is not")
+            for other in range(r):
+                distance = math.hypot(x - poses[other][0], y - poses[other][1])
+                if distance < radius + self.robot_of(other).radius:
+                    raise ValueError(f"must have robots apart, but robots {other} and {r} are {distance:.3g} m apart")
+
+    def robot_of(self, index: int) -> RobotConfig:
+        """Configuration of one robot."""
+        return self.robot[index % len(self.robot)]
+
+    def camera_of(self, index: int) -> CameraConfig:
+        """Configuration of one robot's camera."""
+        return self.camera[index % len(self.camera)]
+
+    @property
+    def sample_period(self) -> float:
+        """[s]"""
+        return 1.0 / self.sample_rate
+
+    @property
+    def message_window(self) -> int:
+        """Samples after which a message has arrived or never will."""
+        delay = (self.network.latency + self.network.jitter) * self.sample_rate
+        return math.ceil(delay - 1e-9) + 1
+
+    @property
+    def reward_weights(self) -> dict[str, float]:
+        """Weight of each term of the reward."""
+        if self.reward is not None:
+            return dict(self.reward)
+        return {"information_depth" if self.robots == 1 else "information_pose": 3.0, "blocked": -0.02}
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data from which `load_config` makes the same configuration."""
+        return self.model_dump(mode="json")
+
+
+def _clearance(obstacle: DiscConfig | BoxConfig, x: float, y: float) -> float:
+    """Distance [m] of a point to an obstacle; 0 inside it."""
+    d_x, d_y = x - obstacle.position[0], y - obstacle.position[1]
+    if isinstance(obstacle, DiscConfig):
+        return max(0.0, math.hypot(d_x, d_y) - obstacle.radius)
+    cos, sin = math.cos(obstacle.angle), math.sin(obstacle.angle)
+    a, b = abs(cos * d_x + sin * d_y) - 0.5 * obstacle.size[0], abs(cos * d_y - sin * d_x) - 0.5 * obstacle.size[1]
+    return math.hypot(max(a, 0.0), max(b, 0.0))
+
+
+def hint(name: str, known: tuple[str, ...] = REWARD_TERMS) -> str:
+    """Return a suggestion for a misspelt name, or nothing."""
+    close = difflib.get_close_matches(name, known, n=1)
+    return f"; did you mean `{close[0]}`?" if close else ""
+
+
+M = TypeVar("M", bound=BaseModel)
+
+
+def validate(model: type[M], data: Any) -> M:
+    """Build a configuration, or raise `ConfigError` with one line for each thing that is wrong."""
+    try:
+        return model.model_validate(data)
+    except ValidationError as error:
+        raise ConfigError("\n".join(_explain(model, e) for e in error.errors())) from None
+
+
+def _explain(model: type[BaseModel], error: Any) -> str:
+    """One line for one of pydantic's errors, in the project's words."""
+    path = [str(part) for part in error["loc"] if not str(part).startswith("function-")]
+    name = ".".join(path)
+    if error["type"] == "extra_forbidden":
+        return f"Unknown option `{name}`{hint(path[-1], _fields_at(model, path[:-1]))}"
+    if error["type"] == "missing":
+        return f"Argument `{name}` is missing"
+    message = str(error["msg"]).removeprefix("Value error, ").replace("Input should be", "must be")
+    if message.startswith(("Argument", "Unknown")):
+        return message
+    what = f"Argument `{name}`" if name else "The configuration"
+    shown = error["input"]
+    tail = f", but is {shown!r}" if "but" not in message and not isinstance(shown, Mapping) else ""
+    return f"{what} {message}{tail}"
+
+
+def _fields_at(model: type[BaseModel], path: list[str]) -> tuple[str, ...]:
+    """Names of the options at a place in the configuration."""
+    models: list[type[BaseModel]] = [model]
+    for part in path:
+        if not part.isdigit():
+            models = [m for parent in models for m in _models(parent, part)] or models
+    return tuple(name for m in models for name in m.model_fields) + (
+        ("field_of_view",) if CameraConfig in models else ()
+    )
+
+
+def _models(parent: type[BaseModel], field: str) -> list[type[BaseModel]]:
+    """Configurations that may stand in a field."""
+    if field not in parent.model_fields:
+        return []
+    found: list[type[BaseModel]] = []
+    todo: list[Any] = [parent.model_fields[field].annotation]
+    while todo:
+        kind = todo.pop()
+        if isinstance(kind, type) and not isinstance(kind, types.GenericAlias) and issubclass(kind, BaseModel):
+            found.append(kind)
+        else:
+            todo.extend(get_args(kind))
+    return found
+
+
+def read_file(path: str | Path) -> dict[str, Any]:
+    """Read a YAML or JSON file with a mapping in it."""
+    path = Path(path)
+    if path.suffix not in (".yaml", ".yml", ".json"):
+        raise ConfigError(f"Argument `config` must be a .yaml, .yml or .json file, but is {str(path)!r}")
+    try:
+        data = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ConfigError(f"Argument `config` must be a readable file, but {str(path)!r}: {error.strerror}") from None
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path} must be YAML or JSON, but: {error}") from None
+    if not isinstance(data, dict):
+        raise ConfigError(f"{path} must hold a mapping, but holds {type(data).__name__}")
+    return data
+
+
+def merge(base: Mapping[str, Any], extra: Mapping[str, Any]) -> dict[str, Any]:
+    """Put `extra` over `base`, mapping by mapping."""
+    out = dict(base)
+    for key, value in extra.items():
+        old = out.get(key)
+        out[key] = merge(old, value) if isinstance(old, Mapping) and isinstance(value, Mapping) else value
+    return out
+
+
+def load_config(config: EnvConfig | Mapping[str, Any] | str | Path | None = None, **options: Any) -> EnvConfig:
+    """Build a configuration of an environment.
+
+    Args:
+        config: an `EnvConfig`, a mapping, a YAML or JSON file, the name of a scenario (`relloc_env.scenarios`), or None
+            for the default task. A mapping or file may name the scenario it changes as `scenario`.
+        **options: put over it; a mapping changes only the entries it names.
+
+    Raises:
+        ConfigError: an unknown option (with a suggestion), or a value that cannot be.
+    """
+    from relloc_env.scenarios import scenario  # scenarios are built of configurations
+
+    if isinstance(config, EnvConfig):
+        data: dict[str, Any] = config.model_dump(exclude_unset=True)
+    elif isinstance(config, str) and not config.endswith((".yaml", ".yml", ".json")):
+        data = {"scenario": config}
+    elif isinstance(config, str | Path):
+        data = read_file(config)
+    elif config is None or isinstance(config, Mapping):
+        data = dict(config or {})
+    else:
+        raise ConfigError(f"Argument `config` must be a mapping, a file or a name, but is {type(config).__name__}")
+    data = merge(data, options)
+    name = data.pop("scenario", None)
+    if name is not None:
+        data = merge(scenario(name), data)
+    return validate(EnvConfig, data)

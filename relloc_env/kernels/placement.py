@@ -1,0 +1,170 @@
+"""Drawing the start of an episode: targets, poses, and what the robots are told about them."""
+
+import math
+
+from relloc_env.kernels._compile import kernel
+from relloc_env.kernels.motion import relative, wrap_angle
+from relloc_env.kernels.sensing import hidden, in_image
+from relloc_env.kernels.streams import SCENARIO, integer, normal, uniform
+from relloc_env.kernels.world import clearance
+
+FIXED, POSITIVE, GAUSSIAN = range(3)
+"""Kinds of errors of what the robots are told."""
+TRIES = 3000
+"""Attempts at a whole start before `place` gives up."""
+ROBOT_TRIES = 60
+"""Attempts at one robot's pose among given targets."""
+
+
+@kernel
+def _between(low, high, stream):
+    """Uniform in [low, high)."""
+    return low + (high - low) * uniform(stream)
+
+
+@kernel
+def _draw_points(world, n, params, robots):
+    """Draw the targets that are not fixed: the first anywhere, the others around it. Returns whether they fit."""
+    stream = world.streams[n, SCENARIO]
+    points = world.points
+    half_x, half_y = min(params.half_x, 20.0) - params.margin, min(params.half_y, 20.0) - params.margin
+    for i in range(points.shape[1]):
+        if world.fixed_points[n, i, 0] == world.fixed_points[n, i, 0]:
+            for k in range(3):
+                points[n, i, k] = world.fixed_points[n, i, k]
+            continue
+        if i == 0:
+            x, y = _between(-half_x, half_x, stream), _between(-half_y, half_y, stream)
+        else:
+            reach = _between(params.separation_min, params.separation_max, stream)
+            angle = _between(-math.pi, math.pi, stream)
+            x, y = points[n, 0, 0] + reach * math.cos(angle), points[n, 0, 1] + reach * math.sin(angle)
+        points[n, i, 0] = x
+        points[n, i, 1] = y
+        points[n, i, 2] = robots[0].mount_height + _between(params.height_min, params.height_max, stream)
+        if abs(x) > half_x or abs(y) > half_y:
+            return False
+        if clearance(x, y, params.half_x, params.half_y, world.obstacles[n]) <= 0.0:
+            return False
+        for j in range(i):
+            distance = math.hypot(x - points[n, j, 0], y - points[n, j, 1])
+            if distance < params.separation_min or distance > params.separation_max:
+                return False
+    return True
+
+
+@kernel
+def _draw_robot(world, n, r, params, robots):
+    """Draw one robot's pose around the targets. Returns whether it meets the conditions."""
+    stream = world.streams[n, SCENARIO]
+    points, pose = world.points, world.pose
+    count = points.shape[1]
+    i = integer(stream, count)
+    reach, angle = _between(params.distance_min, params.distance_max, stream), _between(-math.pi, math.pi, stream)
+    x, y = points[n, i, 0] + reach * math.cos(angle), points[n, i, 1] + reach * math.sin(angle)
+    error = params.heading_error * _between(-1.0, 1.0, stream)
+    room = max(params.margin, robots[r].radius)
+    if clearance(x, y, params.half_x, params.half_y, world.obstacles[n]) < room:
+        return False
+    c_x, c_y = 0.0, 0.0
+    for j in range(count):
+        distance = math.hypot(points[n, j, 0] - x, points[n, j, 1] - y)
+        if distance < params.distance_min or distance > params.distance_max:
+            return False
+        c_x += points[n, j, 0] / count
+        c_y += points[n, j, 1] / count
+    for other in range(r):
+        if math.hypot(x - pose[n, other, 0], y - pose[n, other, 1]) < params.robot_distance:
+            return False
+    pose[n, r, 0] = x
+    pose[n, r, 1] = y
+    pose[n, r, 2] = wrap_angle(math.atan2(c_y - y, c_x - x) + error)
+    return True
+
+
+@kernel
+def _all_in_view(world, n, r, robots):
+    """Whether robot r sees every target."""
+    for i in range(world.points.shape[1]):
+        inside, _, _ = in_image(world, n, r, i, robots)
+        if not inside or hidden(world, n, r, i, robots):
+            return False
+    return True
+
+
+@kernel
+def _try_place(world, n, params, robots):
+    """One attempt at targets and poses."""
+    if not _draw_points(world, n, params, robots):
+        return False
+    drawn = False
+    for r in range(robots.shape[0]):
+        if world.fixed_poses[n, r, 0] == world.fixed_poses[n, r, 0]:
+            for k in range(3):
+                world.pose[n, r, k] = world.fixed_poses[n, r, k]
+            continue
+        drawn = True
+        placed = False
+        for _ in range(ROBOT_TRIES):
+            placed = _draw_robot(world, n, r, params, robots) and (
+                not params.start_in_view or _all_in_view(world, n, r, robots)
+            )
+            if placed:
+                break
+        if not placed:
+            return False
+    if drawn and params.start_in_view:  # a robot placed later may hide a target from an earlier one
+        for r in range(robots.shape[0]):
+            if world.fixed_poses[n, r, 0] != world.fixed_poses[n, r, 0] and not _all_in_view(world, n, r, robots):
+                return False
+    return True
+
+
+@kernel
+def _error(size, kind, stream):
+    """An error of this size: of random sign, always positive, or Gaussian."""
+    if kind == GAUSSIAN:
+        return size * normal(stream)
+    negative = uniform(stream) < 0.5
+    return -size if negative and kind != POSITIVE else size
+
+
+@kernel
+def _draw_guesses(world, n, params, robots, pairs):
+    """What the robots are told: true depths and relative poses with errors."""
+    stream = world.streams[n, SCENARIO]
+    for r in range(robots.shape[0]):
+        cos, sin = math.cos(world.pose[n, r, 2]), math.sin(world.pose[n, r, 2])
+        for i in range(world.points.shape[1]):
+            d_x = world.points[n, i, 0] - world.pose[n, r, 0]
+            d_y = world.points[n, i, 1] - world.pose[n, r, 1]
+            depth = cos * d_x + sin * d_y
+            if depth < robots[r].near or depth <= 0.0:
+                depth = math.hypot(d_x, d_y)
+            depth += _error(params.guess_depth, params.guess_kind, stream)
+            world.guess_depth[n, r, i] = max(depth, 0.3)
+    for p in range(pairs.shape[0]):
+        a, b = pairs[p, 0], pairs[p, 1]
+        x, y, theta = relative(
+            world.pose[n, a, 0],
+            world.pose[n, a, 1],
+            world.pose[n, a, 2],
+            world.pose[n, b, 0],
+            world.pose[n, b, 1],
+            world.pose[n, b, 2],
+        )
+        world.guess_pose[n, p, 0] = x + _error(params.guess_position, params.guess_kind, stream)
+        world.guess_pose[n, p, 1] = y + _error(params.guess_position, params.guess_kind, stream)
+        world.guess_pose[n, p, 2] = wrap_angle(theta + _error(params.guess_heading, params.guess_kind, stream))
+
+
+@kernel
+def place(world, n, params, robots, pairs):
+    """Draw an episode's start. Returns whether one was found that meets the conditions."""
+    found = False
+    for _ in range(TRIES):
+        if _try_place(world, n, params, robots):
+            found = True
+            break
+    _draw_guesses(world, n, params, robots, pairs)
+    return found
