@@ -1,0 +1,180 @@
+"""An estimator at the information bound: a joint map per robot, and the pose from the two maps alone."""
+
+import math
+from statistics import NormalDist
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from relloc_env.estimators.config import MapAlignmentConfig
+from relloc_env.kernels.map_alignment import Maps, Options, Pairs, scratch, take_samples
+from relloc_env.samples import Estimate, Prior, Rows, Samples, ordered_pairs
+
+
+class MapAlignment:
+    """Local joint maps, aligned anew each time (docs/estimator.md). See `estimators.protocol.Estimator`."""
+
+    def __init__(
+        self, num_envs: int, robots: int, points: int, config: MapAlignmentConfig, *, message_window: int = 1
+    ) -> None:
+        """Make the estimator for N environments of R robots and M points.
+
+        Args:
+            num_envs: number N of environments.
+            robots: number R of robots.
+            points: number M of points.
+            config: options.
+            message_window: [samples] 1 + the greatest age of a message; maps of that many samples are kept.
+        """
+        heights = config.camera_heights if config.camera_heights is not None else (0.0,) * robots
+        if len(heights) != robots:
+            raise ValueError(f"Argument `camera_heights` must have one value per robot ({robots}), but has {heights}.")
+        self.config = config
+        self._heights = np.array(heights)
+        self._options = _options(config)
+        self._scales = config.scale_sd != (0.0, 0.0)
+        size = 3 * points + 2 * self._scales
+        n, w, r, m, p = num_envs, message_window, robots, points, len(ordered_pairs(robots))
+        self._maps = Maps(
+            state=np.zeros((n, w, r, size)),
+            covariance=np.zeros((n, w, r, size, size)),
+            known=np.zeros((n, w, r, m), dtype=np.bool_),
+            motion=np.zeros((n, w, r, 4)),
+            cursor=np.zeros(n, dtype=np.int64),
+            ticks=np.zeros(n, dtype=np.int64),
+            rejected=np.zeros((n, r, m), dtype=np.int64),
+            unseen=np.zeros((n, r, m)),
+            depth=np.zeros((n, r, m)),
+            depth_sd=np.zeros(n),
+        )
+        self._pairs = Pairs(
+            prior=np.zeros((n, p, 3)),
+            prior_covariance=np.zeros((n, p, 3, 3)),
+            mode=np.zeros((n, p, 3)),
+            second=np.zeros((n, p, 3)),
+            has_second=np.zeros((n, p), dtype=np.bool_),
+            anchored=np.zeros((n, p, 3)),
+            anchored_covariance=np.zeros((n, p, 3, 3)),
+            pose=np.zeros((n, p, 3)),
+            pose_covariance=np.zeros((n, p, 3, 3)),
+            heard=np.zeros((n, p, 3)),
+            silence=np.full((n, p), message_window, dtype=np.int64),
+            age=np.full((n, p), -1, dtype=np.int64),
+            pending=np.zeros((n, p), dtype=np.bool_),
+            aligned=np.zeros((n, p), dtype=np.bool_),
+            turn=np.zeros((n, p), dtype=np.int64),
+        )
+        self._estimate = Estimate(
+            points=np.zeros((n, r, m, 3)),
+            points_covariance=np.zeros((n, r, m, 3, 3)),
+            known=np.zeros((n, r, m), dtype=np.bool_),
+            pose=self._pairs.pose,
+            pose_covariance=self._pairs.pose_covariance,
+        )
+
+    def reset(self, prior: Prior, rows: Rows) -> None:
+        """Forget everything about the environments `rows` and start from `prior`."""
+        for array in (*self._maps, *self._pairs):
+            array[rows] = 0
+        maps, pairs = self._maps, self._pairs
+        if self._scales:
+            maps.state[rows, ..., -2:] = 1.0
+            for index, sd in zip((-2, -1), self.config.scale_sd, strict=True):
+                maps.covariance[rows, ..., index, index] = sd * sd
+        maps.depth[rows] = prior.depth[rows]
+        maps.depth_sd[rows] = prior.depth_sd
+        pairs.silence[rows] = maps.state.shape[1]
+        pairs.age[rows] = -1
+        covariance = np.diag(np.square(prior.pose_sd))
+        for mean in (pairs.prior, pairs.mode, pairs.anchored, pairs.pose):
+            mean[rows] = prior.pose[rows]
+        for spread in (pairs.prior_covariance, pairs.anchored_covariance, pairs.pose_covariance):
+            spread[rows] = covariance
+        self._refresh(rows)
+
+    def update(self, samples: Samples, rows: Rows) -> None:
+        """Take the K samples in, in order."""
+        problem, starts, work = scratch(self._maps.depth.shape[2], self._maps.state.shape[3])
+        take_samples(
+            rows,
+            samples.period,
+            samples.odometry,
+            samples.image,
+            samples.seen,
+            samples.arrived,
+            self._maps,
+            self._pairs,
+            self._options,
+            self._heights,
+            problem,
+            starts,
+            work,
+        )
+        self._refresh(rows)
+
+    @property
+    def estimate(self) -> Estimate:
+        """What is believed after the last sample: live arrays."""
+        return self._estimate
+
+    @property
+    def aligned(self) -> NDArray[np.bool_]:
+        """(N, P) whether the pose rests on an alignment, not on the prior alone."""
+        return self._pairs.aligned
+
+    @property
+    def scales(self) -> NDArray[np.float64]:
+        """(N, R, 2) estimated scale of speed and yaw rate; 1 where they are taken as exact."""
+        maps = self._maps
+        n, _, r, _ = maps.state.shape
+        if not self._scales:
+            return np.ones((n, r, 2))
+        return np.array(maps.state[np.arange(n), maps.cursor, :, -2:])
+
+    def get_state(self, rows: Rows) -> dict[str, NDArray[Any]]:
+        """Copies of all that the estimator remembers of `rows`."""
+        return {name: array[rows].copy() for name, array in self._arrays().items()}
+
+    def set_state(self, state: dict[str, NDArray[Any]], rows: Rows) -> None:
+        """Put back what `get_state` gave for as many rows."""
+        for name, array in self._arrays().items():
+            array[rows] = state[name]
+        self._refresh(rows)
+
+    def _arrays(self) -> dict[str, NDArray[Any]]:
+        maps, pairs = self._maps._asdict(), self._pairs._asdict()
+        return {**{f"map_{k}": v for k, v in maps.items()}, **{f"pair_{k}": v for k, v in pairs.items()}}
+
+    def _refresh(self, rows: Rows) -> None:
+        maps, estimate = self._maps, self._estimate
+        n, m, cursor = len(rows), maps.depth.shape[2], maps.cursor[rows]
+        estimate.known[rows] = maps.known[rows, cursor]
+        estimate.points[rows] = maps.state[rows, cursor, :, : 3 * m].reshape(n, -1, m, 3)
+        for i in range(m):
+            block = slice(3 * i, 3 * i + 3)
+            estimate.points_covariance[rows, :, i] = maps.covariance[rows, cursor, :, block, block]
+
+
+def _options(config: MapAlignmentConfig) -> Options:
+    rho, rho_sd = config.inverse_range_prior or (0.0, 0.0)
+    return Options(
+        image_variance=config.image_noise**2,
+        speed_variance=config.odometry_noise[0] ** 2,
+        lateral_variance=config.lateral_noise**2,
+        yaw_variance=config.odometry_noise[1] ** 2,
+        noise_period=config.noise_period or 0.0,
+        gate=-2.0 * math.log(config.gate_probability),
+        bearing_gate=NormalDist().inv_cdf(1.0 - 0.5 * config.gate_probability) ** 2,
+        most_rejections=config.most_rejections,
+        forget_after=config.forget_after or math.inf,
+        rho=rho,
+        rho_variance=rho_sd**2,
+        height_sd=config.height_sd,
+        every=0 if config.align_every == "update" else config.align_every,
+        challenger_every=config.challenger_every,
+        iterations=config.iterations,
+        tolerance=config.tolerance,
+        unheard_speed_variance=config.unheard_sd[0] ** 2,
+        unheard_yaw_variance=config.unheard_sd[1] ** 2,
+    )
