@@ -41,7 +41,7 @@ pytest: .venv/.dev ## the tests alone; ARGS="tests/kernels -x" chooses
 	@$(BIN)/python -m pytest -n $(JOBS) $(ARGS)
 
 build: .venv/.dev ## wheel and source archive in dist/
-	@$(BIN)/python -m pip wheel --quiet --no-deps --wheel-dir dist .
+	@$(BIN)/hatchling build
 
 clean: ## remove what the tasks made, .venv included
 	@rm -rf .venv .cache out dist .mypy_cache .pytest_cache .ruff_cache .hypothesis
