@@ -79,9 +79,45 @@ class CascadeConfig(EstimatorOptions):
 
 
 class MapAlignmentConfig(EstimatorOptions):
-    """A joint map per robot, and the pose anew from the two maps at each sample."""
+    """A joint map per robot, and the pose anew from the two maps at each alignment (docs/estimator.md)."""
 
     kind: Literal["map-alignment"] = "map-alignment"
+
+    image_noise: PositiveFloat = 0.003
+    """[-] standard deviation of normalised image coordinates (of tan bearing, where only that is measured)."""
+    odometry_noise: tuple[NonNegativeFloat, NonNegativeFloat] = (0.01, 0.01)
+    """[m/s, rad/s] standard deviation of the odometry of one sample: forward speed, yaw rate."""
+    lateral_noise: NonNegativeFloat = 0.0
+    """[m/s] the same for the lateral speed; 0 where the robot cannot move sideways."""
+    noise_period: PositiveFloat | None = None
+    """[s] length of the sample that the odometry noise is for: a sample of length dt has `noise_period`/dt of its
+    variance (1.0: the noise is given in m/√s and rad/√s). None: any sample has it, whatever its length."""
+    scale_sd: tuple[NonNegativeFloat, NonNegativeFloat] = (0.0, 0.0)
+    """[-] standard deviation of the scale of speed and yaw rate, estimated per robot; (0, 0): exact, no states."""
+
+    inverse_range_prior: tuple[PositiveFloat, PositiveFloat] | None = None
+    """[1/m] mean and standard deviation of a point's inverse range at first sight, in place of the depth prior."""
+    gate_probability: Annotated[float, Field(gt=0.0, lt=0.5)] = 0.001
+    """[-] part of good measurements that the gate against outliers refuses."""
+    most_rejections: Annotated[int, Field(ge=1)] = 5
+    """Refusals in a row after which a point's bearing starts anew."""
+    forget_after: PositiveFloat | None = None
+    """[s] unseen for longer, a point leaves the map. None: never."""
+
+    camera_heights: tuple[float, ...] | None = None
+    """[m] of the cameras, one per robot. None: all equal."""
+    height_sd: NonNegativeFloat = 0.0
+    """[m] standard deviation of the difference of two camera heights, estimated with the pose; 0: exact."""
+    align_every: Annotated[int, Field(ge=1)] | Literal["update"] = 1
+    """[samples] between two alignments; `update`: one at the last sample of each update (of each action)."""
+    challenger_every: Annotated[int, Field(ge=1)] = 1
+    """[alignments] between two challengers of the global search."""
+    unheard_sd: tuple[NonNegativeFloat, NonNegativeFloat] = (0.1, 0.2)
+    """[m/s, rad/s] how far the other robot's velocity may be from the last one heard while no message comes."""
+    iterations: Annotated[int, Field(ge=1)] = 30
+    """Greatest number of Levenberg-Marquardt steps of an alignment."""
+    tolerance: PositiveFloat = 1e-4
+    """[-] an alignment ends where the next step promises to lower its cost J by less."""
 
 
 EstimatorConfig = Annotated[CascadeConfig | MapAlignmentConfig, Field(discriminator="kind")]
@@ -101,7 +137,7 @@ _ADAPTER: TypeAdapter[CascadeConfig | MapAlignmentConfig] = TypeAdapter(Estimato
 
 def from_mapping(data: Mapping[str, Any]) -> CascadeConfig | MapAlignmentConfig:
     """Return the configuration that `data` (plain data with a `kind`) describes."""
-    kinds = sorted({preset.kind for preset in PRESETS.values()})
+    kinds: list[str] = sorted({preset.kind for preset in PRESETS.values()})
     if data.get("kind") not in kinds:
         given = data.get("kind", "missing")
         raise ValueError(
