@@ -1,0 +1,189 @@
+"""The paper's estimator: a depth observer per robot and point, then a filter for the pose of each ordered pair."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from relloc_env.estimators.config import CascadeConfig
+from relloc_env.kernels import cascade as kernels
+from relloc_env.kernels import depth_state, pose_filter, relative_pose
+from relloc_env.samples import Estimate, Float, Prior, Rows, Samples, ordered_pairs
+
+_MODELS = {
+    "position": relative_pose.POSITION,
+    "velocity": relative_pose.VELOCITY,
+    "printed": relative_pose.PRINTED,
+}
+
+
+class Cascade:
+    """Depth observers and pose filters of N environments; see `estimators.protocol.Estimator`.
+
+    Args:
+        num_envs: number N of environments.
+        robots: number R of robots.
+        points: number M of points.
+        config: options.
+        message_window: [samples] 1 + the greatest age at which a message may arrive, at most 64.
+    """
+
+    def __init__(
+        self, num_envs: int, robots: int, points: int, config: CascadeConfig, *, message_window: int = 1
+    ) -> None:
+        self.config = config
+        self._pairs = ordered_pairs(robots)
+        pairs = len(self._pairs)
+        n, length = num_envs, message_window
+        self._state = kernels.State(
+            sample=np.full(n, -1, dtype=np.int64),
+            depth=np.zeros((n, robots, points, depth_state.SIZE)),
+            settings=np.tile(_settings(config, robots), (n, 1, 1)),
+            guess=np.ones((n, robots, points)),
+            ring=pose_filter.Ring(
+                motion=np.zeros((n, length, robots, pose_filter.MOTION)),
+                clock=np.zeros((n, length, pose_filter.CLOCK)),
+                point=np.zeros((n, length, robots, points, pose_filter.POINT)),
+                usable=np.zeros((n, length, robots, points), dtype=np.bool_),
+                anchor=np.zeros((n, pairs, length + 1 if length > 1 else 1, pose_filter.ANCHOR)),
+                received=np.zeros((n, pairs), dtype=np.uint64),
+            ),
+        )
+        v_sd, w_sd = config.odometry_noise
+        self._options = pose_filter.FilterOptions(
+            model=_MODELS[config.pose_model],
+            from_depth=config.measurement == "depth",
+            variance=config.measurement_sd**2,
+            from_odometry=config.process == "odometry",
+            process=config.process_sd**2,
+            var_v=v_sd**2,
+            var_w=w_sd**2,
+        )
+        self._estimate = Estimate(
+            points=np.zeros((n, robots, points, 3)),
+            points_covariance=np.zeros((n, robots, points, 3, 3)),
+            known=np.zeros((n, robots, points), dtype=np.bool_),
+            pose=np.zeros((n, pairs, 3)),
+            pose_covariance=np.zeros((n, pairs, 3, 3)),
+        )
+        self._arrays: dict[str, NDArray[Any]] = {
+            "sample": self._state.sample,
+            "depth": self._state.depth,
+            "settings": self._state.settings,
+            "guess": self._state.guess,
+            **self._state.ring._asdict(),
+        }
+        self._checked: Samples | None = None
+
+    @property
+    def gains(self) -> Float:
+        """(N, R, 2) gains H [1/s] and alpha Lambda of each robot, a live view: write to it to change them."""
+        return self._state.settings[:, :, :2]
+
+    @property
+    def estimate(self) -> Estimate:
+        """What is believed after the last sample: live arrays, refreshed in place by `reset` and `update`."""
+        return self._estimate
+
+    def reset(self, prior: Prior, rows: Rows) -> None:
+        """Forget everything about the environments `rows`, gains apart, and start from `prior`."""
+        n, robots, points = self._state.guess.shape
+        _check("prior.depth", prior.depth, np.float64, (n, robots, points))
+        _check("prior.pose", prior.pose, np.float64, (n, len(self._pairs), 3))
+        _check("prior.pose_sd", prior.pose_sd, np.float64, (3,))
+        self._raise(
+            kernels.reset(
+                prior.depth,
+                prior.pose,
+                float(prior.depth_sd),
+                prior.pose_sd,
+                self._pairs,
+                self._state,
+                self._estimate,
+                rows,
+            )
+        )
+
+    def update(self, samples: Samples, rows: Rows) -> None:
+        """Take the K samples in, in order."""
+        if samples is not self._checked:
+            self._check_samples(samples)
+        status = kernels.update(
+            samples, self._pairs, self._options, self.config.use_unseen, self._state, self._estimate, rows
+        )
+        if status:
+            self._raise(status)
+
+    def get_state(self, rows: Rows) -> dict[str, NDArray[Any]]:
+        """Copies of all that the estimator remembers of `rows`; every array has the rows as its first axis."""
+        return {name: array[rows] for name, array in self._arrays.items()}
+
+    def set_state(self, state: dict[str, NDArray[Any]], rows: Rows) -> None:
+        """Put back what `get_state` gave for as many rows, bit for bit."""
+        if state.keys() != self._arrays.keys():
+            raise ValueError(f"Argument `state` must have the keys {sorted(self._arrays)}, but has {sorted(state)}.")
+        for name, array in self._arrays.items():
+            _check(f"state[{name!r}]", state[name], array.dtype, (len(rows), *array.shape[1:]))
+        for name, array in self._arrays.items():
+            array[rows] = state[name]
+        self._raise(kernels.refresh(self._pairs, self._options, self._state, self._estimate, rows))
+
+    def _check_samples(self, samples: Samples) -> None:
+        n, robots, points = self._state.guess.shape
+        k = samples.period.shape[-1]
+        _check("samples.period", samples.period, np.float64, (n, k))
+        _check("samples.odometry", samples.odometry, np.float32, (n, k, robots, 3))
+        _check("samples.image", samples.image, np.float32, (n, k, robots, points, 2))
+        _check("samples.seen", samples.seen, np.bool_, (n, k, robots, points))
+        _check("samples.arrived", samples.arrived, np.uint64, (n, k, len(self._pairs)))
+        self._checked = samples
+
+    def _raise(self, status: int) -> None:
+        if status == kernels.ROW_OUT_OF_RANGE:
+            raise IndexError(f"Argument `rows` must lie in [0, {len(self._state.sample)}), but does not.")
+        if status == kernels.MESSAGE_TOO_OLD:
+            window = self._state.ring.motion.shape[1]
+            raise ValueError(
+                f"Argument `samples.arrived` must have ages below the message window, {window} samples, but has older."
+            )
+
+
+def _settings(config: CascadeConfig, robots: int) -> Float:
+    """Return the (R, 12) settings of the depth observers."""
+    v_sd, w_sd = config.odometry_noise
+    rows = [
+        depth_state.Settings(
+            h=h,
+            alpha_lambda=alpha_lambda,
+            critical=float(config.damping == "critical"),
+            floor=config.h_floor,
+            z_min=config.z_min,
+            z_max=config.z_max,
+            max_gap=config.max_gap,
+            image_sd=config.image_noise,
+            v_sd=v_sd,
+            w_sd=w_sd,
+        )
+        for h, alpha_lambda in zip(
+            _each("h", config.h, robots), _each("alpha_lambda", config.alpha_lambda, robots), strict=True
+        )
+    ]
+    return np.array(rows, dtype=np.float64)
+
+
+def _each(name: str, gain: float | tuple[float, ...], robots: int) -> tuple[float, ...]:
+    """Return one gain per robot."""
+    if not isinstance(gain, tuple):
+        return (gain,) * robots
+    if len(gain) != robots:
+        raise ValueError(f"Argument `{name}` must be one value, or one for each of {robots} robots, but is {gain!r}.")
+    return gain
+
+
+def _check(name: str, array: NDArray[Any], dtype: Any, shape: tuple[int, ...]) -> None:
+    """Raise where an array is not what compiled code expects."""
+    if array.dtype != dtype or array.shape != shape or not array.flags.c_contiguous:
+        raise ValueError(
+            f"Argument `{name}` must be a C-contiguous array of {np.dtype(dtype)} with shape {shape}, "
+            f"but is {array.dtype} with shape {array.shape}."
+        )
