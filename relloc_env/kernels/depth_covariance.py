@@ -23,84 +23,80 @@ def congruence(l11, l12, l13, l21, l22, l23, l31, l32, l33, p11, p12, p13, p22, 
 
 
 @kernel
-def covariance_step(p, x, y, chi, v, lateral, w, dt, h, alpha_lambda, mode, var_x, var_y, var_v, var_l, var_w):
-    """Covariance of (x, y, chi) - (x_hat, y_hat, chi_hat) after `observer_step`, same discrete transition.
+def covariance_step(p, x, y, chi, v, lateral, w, dt, h, alpha_lambda, mode, var, var_y, var_v, var_l, var_w):
+    """Covariance of (x, y, chi) - (x_hat, y_hat, chi_hat) after `observer_step`, with the same discrete transition.
 
-    P <- F L' P L'ᵀ F + …: L the exponential of the linear part, F two half steps of the linearised f_u. Each measured
-    sample brings one independent image error n, held over its interval: its response is that of the observer tracking
-    s + n. Each interval brings one independent error of v, l and w, through the derivatives of the flow.
+    P <- F (L (F P F + U) Lᵀ + U + N) F: F half a step of f_u, linearised; L the exponential of the linear part,
+
+        L = [[D I + m Omega Omegaᵀ, t Omega], [-alpha Lambda t Omegaᵀ, e]]
+
+    (D across Omega, D + m sigma² along it). Each measured sample brings one independent image error n, held over its
+    interval: its response, in N, is that of the observer tracking s + n. Each interval brings independent errors of v,
+    l and w, held over it: they enter through the derivatives of the flow, half of their covariance (U) before L.
 
     Args:
         p: covariance at the earlier sample, six numbers in (x, y, chi).
         x, y, chi: [-, -, 1/m] mean image coordinates and inverse depth of the interval.
         v, lateral, w, dt: velocity [m/s, m/s, rad/s] and length [s] of it.
-        h, alpha_lambda, mode: gains, and what `modes` gives for them.
-        var_x, var_y: [-] variance of a measured image coordinate.
+        h, alpha_lambda, mode: [1/s, 1/m²] gains, and what `modes` gives for them.
+        var, var_y: [-] variance of a measured image coordinate; var_y = 0 (and y = 0) where only x is measured.
         var_v, var_l, var_w: variance of the interval's mean velocity.
     """
     s_0, s, i = mode
     o_x, o_y = v * x + lateral, v * y
     sigma2 = o_x * o_x + o_y * o_y
     a, k = h * dt, alpha_lambda * sigma2 * dt * dt
-    decay, decay_o = 1.0 - a * s_0, 1.0 - a * s - k * i
+    d, d_o, e = 1.0 - a * s_0, 1.0 - a * s - k * i, 1.0 - k * i
     inverse = 1.0 / sigma2 if sigma2 > 0.0 else 0.0
+    m, t = inverse * (d_o - d), dt * s
+    kt = alpha_lambda * t
     u = (v * chi + 0.5 * w * x) * dt
     flow = 1.0 + u * (1.0 + 0.5 * u)
-    m = inverse * (decay_o - decay)
-    t_x, t_y = dt * s * o_x, dt * s * o_y
-    p11, p12, p13, p22, p23, p33 = congruence(
-        decay + m * o_x * o_x,
-        m * o_x * o_y,
-        t_x,
-        m * o_x * o_y,
-        decay + m * o_y * o_y,
-        t_y,
-        -alpha_lambda * t_x,
-        -alpha_lambda * t_y,
-        1.0 - k * i,
-        p[0],
-        p[1],
-        p[2] * flow,
-        p[3],
-        p[4] * flow,
-        p[5] * flow * flow,
+    # odometry: the errors move (x, y, chi) by chi (x, y, chi), chi (1, 0, 0) and (1 + x², x y, x chi) per second
+    half = 0.5 * dt * dt
+    r_v, r_l, r_w = half * var_v * chi * chi, half * var_l * chi * chi, half * var_w
+    xx = 1.0 + x * x
+    both, turn = r_v + r_w * xx, r_v + r_w * x * x
+    o11, o12, o13 = r_v * x * x + r_l + r_w * xx * xx, both * x * y, both * x * chi
+    o22, o23, o33 = turn * y * y, turn * y * chi, turn * chi * chi
+    # L P Lᵀ
+    p11, p12, p22 = p[0] + o11, p[1] + o12, p[3] + o22
+    c_x, c_y, p33 = p[2] * flow + o13, p[4] * flow + o23, p[5] * flow * flow + o33
+    q_x, q_y = p11 * o_x + p12 * o_y, p12 * o_x + p22 * o_y
+    oo, oc = o_x * q_x + o_y * q_y, o_x * c_x + o_y * c_y
+    common = 0.5 * (m * m * oo + 2.0 * m * t * oc + t * t * p33)
+    f_x, f_y = d * (m * q_x + t * c_x) + common * o_x, d * (m * q_y + t * c_y) + common * o_y
+    g_x, g_y = e * c_x - kt * q_x, e * c_y - kt * q_y
+    g = m * (e * oc - kt * oo) + t * (e * p33 - kt * oc)
+    # the image's noise
+    across, along = (1.0 - d) * (1.0 - d), (1.0 - d_o) * (1.0 - d_o)
+    n = var * inverse * (along - across)
+    n_c = var * (1.0 - d_o) * kt
+    return (
+        d * d * p11 + 2.0 * f_x * o_x + var * across + n * o_x * o_x + o11,
+        d * d * p12 + f_x * o_y + f_y * o_x + n * o_x * o_y + o12,
+        (d * g_x + o_x * (g + n_c) + o13) * flow,
+        d * d * p22 + 2.0 * f_y * o_y + var_y * across + n * o_y * o_y + o22,
+        (d * g_y + o_y * (g + n_c) + o23) * flow,
+        (kt * kt * (oo + var * sigma2) - 2.0 * kt * e * oc + e * e * p33 + o33) * flow * flow,
     )
-    # image noise: columns of the response to an error of x and of y
-    m = inverse * (decay - decay_o)
-    n_xx, n_xy, n_yy = 1.0 - decay + m * o_x * o_x, m * o_x * o_y, 1.0 - decay + m * o_y * o_y
-    n_xc, n_yc = alpha_lambda * t_x, alpha_lambda * t_y
-    p11 += var_x * n_xx * n_xx + var_y * n_xy * n_xy
-    p12 += var_x * n_xx * n_xy + var_y * n_xy * n_yy
-    p13 += var_x * n_xx * n_xc + var_y * n_xy * n_yc
-    p22 += var_x * n_xy * n_xy + var_y * n_yy * n_yy
-    p23 += var_x * n_xy * n_xc + var_y * n_yy * n_yc
-    p33 += var_x * n_xc * n_xc + var_y * n_yc * n_yc
-    # odometry: derivatives of the flow with respect to v, l and w, through the integral of the exponential
-    across, along, back = dt * s_0, dt * inverse * (s - s_0), dt * dt * i
-    mean_c = dt * (s + a * i)
-    for b_x, b_y, b_c, var in (
-        (x * chi, y * chi, chi * chi, var_v),
-        (chi, 0.0, 0.0, var_l),
-        (1.0 + x * x, x * y, x * chi, var_w),
-    ):
-        b_o = o_x * b_x + o_y * b_y
-        r = along * b_o + back * b_c
-        r_x, r_y, r_c = across * b_x + o_x * r, across * b_y + o_y * r, mean_c * b_c - alpha_lambda * back * b_o
-        p11 += var * r_x * r_x
-        p12 += var * r_x * r_y
-        p13 += var * r_x * r_c
-        p22 += var * r_y * r_y
-        p23 += var * r_y * r_c
-        p33 += var * r_c * r_c
-    return p11, p12, p13 * flow, p22, p23 * flow, p33 * flow * flow
 
 
 @kernel
 def image_to_body(x, y, chi, p):
-    """Covariance of (q_x, q_y, height) of a point from that of (x, y, chi), first order."""
+    """Covariance of (q_x, q_y, height) = [1, -x, -y]/chi of a point from that of (x, y, chi), first order."""
     z = 1.0 / chi
     zz = z * z
-    return congruence(0.0, 0.0, -zz, -z, 0.0, x * zz, 0.0, -z, y * zz, p[0], p[1], p[2], p[3], p[4], p[5])
+    c_x, c_y, cc = zz * z * p[2], zz * z * p[4], zz * zz * p[5]
+    d_x, d_y = x * cc - c_x, y * cc - c_y
+    return (
+        cc,
+        -d_x,
+        -d_y,
+        zz * p[0] + x * (d_x - c_x),
+        zz * p[1] + y * d_x - x * c_y,
+        zz * p[3] + y * (d_y - c_y),
+    )
 
 
 @kernel
@@ -150,15 +146,14 @@ def move_covariance(p, q_x, q_y, cos, sin, dt, var_v, var_l, var_w):
         dt: [s] length of the step.
         var_v, var_l, var_w: variance of the measured velocity of the step.
     """
-    p11, p12, p13, p22, p23, p33 = congruence(
-        cos, sin, 0.0, -sin, cos, 0.0, 0.0, 0.0, 1.0, p[0], p[1], p[2], p[3], p[4], p[5]
-    )
+    f_11, f_12 = cos * p[0] + sin * p[1], cos * p[1] + sin * p[3]
+    f_21, f_22 = cos * p[1] - sin * p[0], cos * p[3] - sin * p[1]
     t = dt * dt
     return (
-        p11 + t * (var_v + var_w * q_y * q_y),
-        p12 - t * var_w * q_x * q_y,
-        p13,
-        p22 + t * (var_l + var_w * q_x * q_x),
-        p23,
-        p33,
+        cos * f_11 + sin * f_12 + t * (var_v + var_w * q_y * q_y),
+        cos * f_12 - sin * f_11 - t * var_w * q_x * q_y,
+        cos * p[2] + sin * p[4],
+        cos * f_22 - sin * f_21 + t * (var_l + var_w * q_x * q_x),
+        cos * p[4] - sin * p[2],
+        p[5],
     )

@@ -71,109 +71,126 @@ _DEPTH_SD, _IMAGE_SD, _V_SD, _LATERAL_SD, _W_SD = range(7, 12)
 
 
 @kernel
-def six(row, first):
+def six(table, p, first):
     """Six consecutive numbers of a row."""
-    return row[first], row[first + 1], row[first + 2], row[first + 3], row[first + 4], row[first + 5]
+    a, b, c = table[p, first], table[p, first + 1], table[p, first + 2]
+    return a, b, c, table[p, first + 3], table[p, first + 4], table[p, first + 5]
 
 
 @kernel
-def put_six(row, first, p):
+def put_six(table, p, first, values):
     """Write six consecutive numbers of a row."""
     for j in range(6):
-        row[first + j] = p[j]
+        table[p, first + j] = values[j]
 
 
 @kernel
-def image_now(row, z_min):
+def image_now(table, p, z_min):
     """The estimate in the image now, (x, y, chi); a point nearer than `z_min`, beside or behind is put at `z_min`."""
-    chi = 1.0 / max(row[Q_X], z_min)
-    return -row[Q_Y] * chi, -row[HEIGHT] * chi, chi
+    chi = 1.0 / max(table[p, Q_X], z_min)
+    return -table[p, Q_Y] * chi, -table[p, HEIGHT] * chi, chi
 
 
 @kernel
-def image_covariance_now(row, z_min):
+def image_covariance_now(table, p, z_min):
     """Covariance of `image_now`, six numbers (regular, but without meaning where the point is not in front)."""
-    return body_to_image(max(row[Q_X], z_min), row[Q_Y], row[HEIGHT], six(row, COVARIANCE))
+    return body_to_image(max(table[p, Q_X], z_min), table[p, Q_Y], table[p, HEIGHT], six(table, p, COVARIANCE))
 
 
 @kernel
-def _restart(row, x, y):
+def _restart(table, p, x, y):
     """Let the next observer step begin here, where (x, y) was measured."""
-    row[X], row[Y] = x, y
-    row[TIME] = row[FORWARD] = row[SIDE] = row[TURN] = row[SQUARES] = 0.0
+    table[p, X], table[p, Y] = x, y
+    table[p, TIME] = table[p, FORWARD] = table[p, SIDE] = table[p, TURN] = table[p, SQUARES] = 0.0
 
 
 @kernel
-def _show(row, covariance):
+def _show(table, p, covariance):
     """Refresh the view of now from the base (the point was measured at this sample)."""
-    z = 1.0 / row[CHI_HAT]
-    row[Q_X], row[Q_Y], row[HEIGHT] = z, -row[X_HAT] * z, -row[Y_HAT] * z
+    z = 1.0 / table[p, CHI_HAT]
+    table[p, Q_X], table[p, Q_Y], table[p, HEIGHT] = z, -table[p, X_HAT] * z, -table[p, Y_HAT] * z
     if covariance:
-        p = image_to_body(row[X_HAT], row[Y_HAT], row[CHI_HAT], six(row, BASE_COVARIANCE))
-        put_six(row, COVARIANCE, p)
+        values = image_to_body(table[p, X_HAT], table[p, Y_HAT], table[p, CHI_HAT], six(table, p, BASE_COVARIANCE))
+        put_six(table, p, COVARIANCE, values)
 
 
 @kernel
-def _begin(row, settings, x, y, z, flat, covariance):
+def _begin(table, p, settings, r, x, y, z, flat, covariance):
     """First sight: s_hat = s, chi_hat = 1/z with the depth guess z."""
-    z = min(max(z, settings[_Z_MIN]), settings[_Z_MAX])
-    row[KNOWN] = 1.0
-    row[X_HAT], row[Y_HAT], row[CHI_HAT] = x, y, 1.0 / z
-    _restart(row, x, y)
+    z = min(max(z, settings[r, _Z_MIN]), settings[r, _Z_MAX])
+    table[p, KNOWN] = 1.0
+    table[p, X_HAT], table[p, Y_HAT], table[p, CHI_HAT] = x, y, 1.0 / z
+    _restart(table, p, x, y)
     if covariance:
-        var = settings[_IMAGE_SD] * settings[_IMAGE_SD]
-        chi_sd = settings[_DEPTH_SD] / (z * z)
-        put_six(row, BASE_COVARIANCE, (var, 0.0, 0.0, 0.0 if flat else var, 0.0, chi_sd * chi_sd))
-    _show(row, covariance)
+        var = settings[r, _IMAGE_SD] * settings[r, _IMAGE_SD]
+        chi_sd = settings[r, _DEPTH_SD] / (z * z)
+        put_six(table, p, BASE_COVARIANCE, (var, 0.0, 0.0, 0.0 if flat else var, 0.0, chi_sd * chi_sd))
+    _show(table, p, covariance)
 
 
 @kernel
-def _correct(row, settings, x, y, flat, covariance):
+def _correct(table, p, settings, r, x, y, flat, covariance):
     """One observer step from the last measured sample to (x, y) now."""
-    alpha_lambda, z_min, z_max = settings[_ALPHA_LAMBDA], settings[_Z_MIN], settings[_Z_MAX]
-    dt = row[TIME]
+    alpha_lambda, z_min, z_max = settings[r, _ALPHA_LAMBDA], settings[r, _Z_MIN], settings[r, _Z_MAX]
+    dt = table[p, TIME]
     per = 1.0 / dt
-    v, lateral, w = row[FORWARD] * per, row[SIDE] * per, row[TURN] * per
-    x0, y0, chi = row[X], row[Y], row[CHI_HAT]
+    v, lateral, w = table[p, FORWARD] * per, table[p, SIDE] * per, table[p, TURN] * per
+    x0, y0, chi = table[p, X], table[p, Y], table[p, CHI_HAT]
     means = interval_means(x0, y0, x, y, chi, v, w, dt)
-    critical, floor = settings[_CRITICAL] != 0.0, settings[_FLOOR]
-    h = gains(v, lateral, means[0], means[1], settings[_H], alpha_lambda, critical, floor)
+    critical, floor = settings[r, _CRITICAL] != 0.0, settings[r, _FLOOR]
+    h = gains(v, lateral, means[0], means[1], settings[r, _H], alpha_lambda, critical, floor)
     o_x, o_y = v * means[0] + lateral, v * means[1]
     mode = modes(h, alpha_lambda * (o_x * o_x + o_y * o_y), dt)
     chi_min, chi_max = 1.0 / z_max, 1.0 / z_min
-    row[X_HAT], row[Y_HAT], row[CHI_HAT] = correct(
-        x0, y0, x, y, means, row[X_HAT], row[Y_HAT], chi, v, lateral, w, dt, h, alpha_lambda, mode, chi_min, chi_max
+    table[p, X_HAT], table[p, Y_HAT], table[p, CHI_HAT] = correct(
+        x0,
+        y0,
+        x,
+        y,
+        means,
+        table[p, X_HAT],
+        table[p, Y_HAT],
+        chi,
+        v,
+        lateral,
+        w,
+        dt,
+        h,
+        alpha_lambda,
+        mode,
+        chi_min,
+        chi_max,
     )
     if covariance:
-        var = settings[_IMAGE_SD] ** 2
-        v_sd, lateral_sd, w_sd = settings[_V_SD], settings[_LATERAL_SD], settings[_W_SD]
-        share = row[SQUARES] * per * per
-        middle = 0.5 * (chi + row[CHI_HAT])
-        p = six(row, BASE_COVARIANCE)
-        p = covariance_step(
-            p, means[0], means[1], middle, v, lateral, w, dt, h, alpha_lambda, mode,
+        var = settings[r, _IMAGE_SD] ** 2
+        v_sd, lateral_sd, w_sd = settings[r, _V_SD], settings[r, _LATERAL_SD], settings[r, _W_SD]
+        share = table[p, SQUARES] * per * per
+        middle = 0.5 * (chi + table[p, CHI_HAT])
+        values = six(table, p, BASE_COVARIANCE)
+        values = covariance_step(
+            values, means[0], means[1], middle, v, lateral, w, dt, h, alpha_lambda, mode,
             var, 0.0 if flat else var, v_sd * v_sd * share, lateral_sd * lateral_sd * share, w_sd * w_sd * share,
         )  # fmt: skip
-        put_six(row, BASE_COVARIANCE, p)
-    _restart(row, x, y)
-    _show(row, covariance)
+        put_six(table, p, BASE_COVARIANCE, values)
+    _restart(table, p, x, y)
+    _show(table, p, covariance)
 
 
 @kernel
-def _move(row, settings, c_x, c_y, cos, sin, dt, covariance):
+def _move(table, p, settings, r, c_x, c_y, cos, sin, dt, covariance):
     """Open loop: the remembered point in the body frame after the body moved."""
-    d_x, d_y = row[Q_X] - c_x, row[Q_Y] - c_y
+    d_x, d_y = table[p, Q_X] - c_x, table[p, Q_Y] - c_y
     q_x, q_y = cos * d_x + sin * d_y, cos * d_y - sin * d_x
-    row[Q_X], row[Q_Y] = q_x, q_y
+    table[p, Q_X], table[p, Q_Y] = q_x, q_y
     if covariance:
-        v_sd, lateral_sd, w_sd = settings[_V_SD], settings[_LATERAL_SD], settings[_W_SD]
-        p = six(row, COVARIANCE)
-        p = move_covariance(p, q_x, q_y, cos, sin, dt, v_sd * v_sd, lateral_sd * lateral_sd, w_sd * w_sd)
-        put_six(row, COVARIANCE, p)
+        v_sd, lateral_sd, w_sd = settings[r, _V_SD], settings[r, _LATERAL_SD], settings[r, _W_SD]
+        values = six(table, p, COVARIANCE)
+        values = move_covariance(values, q_x, q_y, cos, sin, dt, v_sd * v_sd, lateral_sd * lateral_sd, w_sd * w_sd)
+        put_six(table, p, COVARIANCE, values)
 
 
 @kernel
-def observe_point(row, settings, seen, x, y, depth, v, lateral, w, dt, c_x, c_y, cos, sin, covariance):
+def observe_point(table, p, settings, r, seen, x, y, depth, v, lateral, w, dt, c_x, c_y, cos, sin, covariance):
     """One sample of one point.
 
     Not seen yet: begins at first sight, with the depth guess. Seen, and last measured at most `max_gap` ago: one
@@ -182,7 +199,7 @@ def observe_point(row, settings, seen, x, y, depth, v, lateral, w, dt, c_x, c_y,
     seen: predicted in the body frame.
 
     Args:
-        row: (SIZE,) float64 state, changed in place.
+        table: (…, SIZE) float64 rows of state, changed in place; p: which one.
         settings: (12,) float64 in the order of `Settings`.
         seen: whether the point was measured in this sample.
         x, y: [-] measured image coordinates; y may be NaN, for a sensor that gives bearings without heights.
@@ -195,29 +212,29 @@ def observe_point(row, settings, seen, x, y, depth, v, lateral, w, dt, c_x, c_y,
     flat = math.isnan(y)
     if flat:
         y = 0.0
-    if row[KNOWN] == 0.0:
+    if table[p, KNOWN] == 0.0:
         if seen:
-            _begin(row, settings, x, y, depth, flat, covariance)
+            _begin(table, p, settings, r, x, y, depth, flat, covariance)
         return
-    row[TIME] += dt
-    row[FORWARD] += v * dt
-    row[SIDE] += lateral * dt
-    row[TURN] += w * dt
-    row[SQUARES] += dt * dt
-    if seen and 0.0 < row[TIME] <= settings[_MAX_GAP] + 1e-9:
-        _correct(row, settings, x, y, flat, covariance)
+    table[p, TIME] += dt
+    table[p, FORWARD] += v * dt
+    table[p, SIDE] += lateral * dt
+    table[p, TURN] += w * dt
+    table[p, SQUARES] += dt * dt
+    if seen and 0.0 < table[p, TIME] <= settings[r, _MAX_GAP] + 1e-9:
+        _correct(table, p, settings, r, x, y, flat, covariance)
         return
-    _move(row, settings, c_x, c_y, cos, sin, dt, covariance)
-    if seen and row[TIME] > 0.0:
-        z_min, z_max = settings[_Z_MIN], settings[_Z_MAX]
-        if row[Q_X] < z_min or row[Q_X] > z_max:
-            z = math.sqrt((row[Q_X] ** 2 + row[Q_Y] ** 2) / (1.0 + x * x))
-            _begin(row, settings, x, y, z, flat, covariance)
+    _move(table, p, settings, r, c_x, c_y, cos, sin, dt, covariance)
+    if seen and table[p, TIME] > 0.0:
+        z_min, z_max = settings[r, _Z_MIN], settings[r, _Z_MAX]
+        if table[p, Q_X] < z_min or table[p, Q_X] > z_max:
+            z = math.sqrt((table[p, Q_X] ** 2 + table[p, Q_Y] ** 2) / (1.0 + x * x))
+            _begin(table, p, settings, r, x, y, z, flat, covariance)
             return
-        row[X_HAT], row[Y_HAT], row[CHI_HAT] = image_now(row, z_min)
+        table[p, X_HAT], table[p, Y_HAT], table[p, CHI_HAT] = image_now(table, p, z_min)
         if covariance:
-            put_six(row, BASE_COVARIANCE, image_covariance_now(row, z_min))
-        _restart(row, x, y)
+            put_six(table, p, BASE_COVARIANCE, image_covariance_now(table, p, z_min))
+        _restart(table, p, x, y)
 
 
 @kernel
@@ -234,15 +251,22 @@ def observe(state, settings, period, odometry, image, seen, depth, k, covariance
         rows: (…,) int64 environments to work on.
     """
     robots, points = state.shape[1], state.shape[2]
+    table = state.reshape(-1, SIZE)
     for n in rows:
         dt = period[n, k]
         for r in range(robots):
             v, lateral, w = float(odometry[n, k, r, 0]), float(odometry[n, k, r, 1]), float(odometry[n, k, r, 2])
-            c_x, c_y, delta = arc(v, lateral, w, dt)
-            cos, sin = math.cos(delta), math.sin(delta)
+            first = (n * robots + r) * points
+            open_loop = dt > settings[r, _MAX_GAP]
+            for m in range(points):
+                open_loop |= not seen[n, k, r, m] or table[first + m, TIME] > 0.0
+            c_x, c_y, cos, sin = 0.0, 0.0, 1.0, 0.0
+            if open_loop:  # else no point needs the arc
+                c_x, c_y, delta = arc(v, lateral, w, dt)
+                cos, sin = math.cos(delta), math.sin(delta)
             for m in range(points):
                 x, y = float(image[n, k, r, m, 0]), float(image[n, k, r, m, 1])
                 observe_point(
-                    state[n, r, m], settings[r], seen[n, k, r, m], x, y, depth[n, r, m],
+                    table, first + m, settings, r, seen[n, k, r, m], x, y, depth[n, r, m],
                     v, lateral, w, dt, c_x, c_y, cos, sin, covariance,
                 )  # fmt: skip
