@@ -6,7 +6,7 @@
 import math
 import numbers
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,20 +16,9 @@ from relloc_env.kernels._compile import kernel
 from relloc_env.kernels.placement import FIXED, GAUSSIAN, POSITIVE, place
 from relloc_env.kernels.sensing import exchange, look, measure_motion
 from relloc_env.kernels.streams import PURPOSES, seed_stream
-from relloc_env.kernels.world import BOX, DISC, World, drive, settle, settle_contact, touches
-from relloc_env.samples import Bool, Float, Prior, Rows, Samples, ordered_pairs
+from relloc_env.kernels.world import BOX, DISC, Truth, World, drive, settle, settle_contact, touches
+from relloc_env.samples import Float, Prior, Rows, Samples, ordered_pairs
 from relloc_env.world import ContactSolver
-
-
-class Truth(NamedTuple):
-    """What really happened in K samples; for rewards, metrics and `info`, never for estimators."""
-
-    pose: Float
-    """[m, m, rad] (N, K, R, 3) at the end of the sample, world frame."""
-    velocity: Float
-    """[m/s, m/s, rad/s] (N, K, R, 3) mean over the sample: forward, left, yaw rate."""
-    visible: Bool
-    """(N, K, R, M) whether the camera measured the target in this sample (in view, a frame taken, not missed)."""
 
 
 PARAMETERS = np.dtype(

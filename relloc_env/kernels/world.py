@@ -63,6 +63,17 @@ class World(NamedTuple):
     """uint64 (N, S, 2) random streams by purpose."""
 
 
+class Truth(NamedTuple):
+    """What really happened in K samples; for rewards, metrics and `info`, never for estimators."""
+
+    pose: Any
+    """[m, m, rad] (N, K, R, 3) at the end of the sample, world frame."""
+    velocity: Any
+    """[m/s, m/s, rad/s] (N, K, R, 3) mean over the sample: forward, left, yaw rate."""
+    visible: Any
+    """(N, K, R, M) whether the camera measured the target in this sample (in view, a frame taken, not missed)."""
+
+
 @kernel
 def clearance(x, y, half_x, half_y, obstacles):
     """Distance [m] from a place to the nearest wall or obstacle; negative beyond a wall, 0 inside an obstacle.

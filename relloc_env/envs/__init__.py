@@ -1,0 +1,1 @@
+"""The doors: PettingZoo, Gymnasium, and what they share."""

@@ -1,0 +1,215 @@
+"""The Gymnasium door: one agent that sees what all robots see and drives them all."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, ClassVar
+
+import gymnasium as gym
+import numpy as np
+from gymnasium import spaces
+from gymnasium.error import ResetNeeded
+
+from relloc_env.config import ConfigError, EnvConfig
+from relloc_env.envs.core import Core, build_core, check_actions
+from relloc_env.envs.picture import Picture
+from relloc_env.envs.spaces import joint_observation, joint_slices, joint_space
+from relloc_env.estimators.protocol import Estimator
+from relloc_env.samples import Float32
+from relloc_env.simulation import OPTIONS, check_seed
+
+_ROW = np.zeros(1, np.int64)
+
+
+class RellocEnv(gym.Env[Any, Any]):
+    """Robots watch static points with their cameras; how they move decides what can be known.
+
+    ## Action space
+    `Box(-1, 1, (2 R,), float32)`: speed and yaw rate of each robot as shares of its limits, robot A first. An action is
+    held for `samples_per_action` samples.
+
+    ## Observation space
+    A flat float32 `Box`: the fields of robot A, then of robot B; `field_slices` says where each is. With
+    `observation="dict"` a flat `Dict` of the same fields. Fields: `relloc_env.envs.observation.fields`.
+
+    ## Rewards
+    The mean over the robots of a weighted sum of terms (`relloc_env.rewards.TERMS`); by default information gained,
+    3 times the increment of J, less 0.02 for the share of blocked samples. Every term is in `info` as `reward/<name>`.
+
+    ## Starting state
+    Drawn as `start` says, or fixed by `poses` and `points` in the configuration or in the options of `reset`.
+
+    ## Episode end
+    Truncated after `max_cycles` actions; terminated where `terminate_on_collision` or `terminate_on_success` ask for it.
+
+    ## Arguments
+    Any option of `relloc_env.config.EnvConfig` as a keyword; `config` takes a mapping, a YAML or JSON file, or the name
+    of a scenario; `estimator` a name, a configuration, None (bare), or an object that follows
+    `relloc_env.estimators.Estimator`; `render_mode` is None, "rgb_array" or "human".
+
+    Raises:
+        ConfigError: an unknown option, or a value that cannot be.
+    """
+
+    metadata: ClassVar[dict[str, Any]] = {"render_modes": ["human", "rgb_array"], "render_fps": 4}
+
+    def __init__(
+        self,
+        config: EnvConfig | Mapping[str, Any] | str | Path | None = None,
+        *,
+        render_mode: str | None = None,
+        estimator: Any = "default",
+        **options: Any,
+    ) -> None:
+        self.core = open_core(config, 1, estimator, options)
+        self.render_mode = check_render_mode(render_mode)
+        self.metadata = {**self.metadata, "render_fps": frames_per_second(self.core)}
+        self.observation_space = joint_space(self.core)
+        self.action_space = spaces.Box(-1.0, 1.0, (2 * self.core.config.robots,), np.float32)
+        self._shape = (2 * self.core.config.robots,)
+        self._running = False
+        self._picture: Picture | None = None
+
+    @property
+    def config(self) -> EnvConfig:
+        """The configuration, complete."""
+        return self.core.config
+
+    @property
+    def field_slices(self) -> dict[str, slice]:
+        """Where each named field is in the flat observation."""
+        return joint_slices(self.core)
+
+    @property
+    def state_space(self) -> spaces.Box:
+        """Space of `state()`."""
+        return state_space(self.core)
+
+    def state(self) -> Float32:
+        """The truth and every observation as one vector, for centralised critics."""
+        return self.core.state(0)
+
+    def reset(
+        self, *, seed: int | None = None, options: Mapping[str, Any] | None = None
+    ) -> tuple[Any, dict[str, Any]]:
+        """Start an episode.
+
+        Args:
+            seed: starts all random streams anew; None goes on with them.
+            options: `poses` [m, m, rad] (R, 3) and `points` [m] (M, 3) fix the start, from now on; {} draws it again.
+
+        Raises:
+            ValueError: a seed that is not a non-negative integer.
+            ConfigError: options that cannot be.
+        """
+        super().reset(seed=None if seed is None else check_seed(seed))
+        self._running = False
+        self.core.reset(_ROW, None if seed is None else [check_seed(seed)], check_options(options))
+        self._running = True
+        info = self.core.information(0)
+        info["prior"] = self.core.prior(0)
+        self._draw(new=True)
+        return joint_observation(self.core, 0), info
+
+    def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+        """Hold an action [-] (2 R,) for `samples_per_action` samples.
+
+        Raises:
+            ResetNeeded: before the first `reset`, or after the end of an episode.
+            ValueError: an action of another shape, or that is not finite.
+        """
+        if not self._running:
+            raise ResetNeeded("Call `reset` before `step`: no episode is running")
+        core = self.core
+        values = check_actions("action", action, self._shape)
+        core.step(values.reshape(1, -1, 2), _ROW)
+        terminated, truncated = core.terminated(0), core.truncated(0)
+        self._running = not (terminated or truncated)
+        self._draw()
+        return joint_observation(core, 0), float(core.reward[0].mean()), terminated, truncated, core.information(0)
+
+    def get_state(self) -> dict[str, Any]:
+        """Everything the environment remembers, to be put back with `set_state`."""
+        return {"core": self.core.get_state(_ROW), "running": self._running}
+
+    def set_state(self, state: Mapping[str, Any]) -> None:
+        """Go on from a state, bit for bit."""
+        self.core.set_state(state["core"], _ROW)
+        self._running = state["running"]
+        self._draw(new=True)
+
+    def render(self) -> Any:
+        """The picture of now: an RGB array (H, W, 3), or None for "human" (the window is drawn by reset and step)."""
+        if self.render_mode is None:
+            gym.logger.warn("`render` without a `render_mode` draws nothing; choose one with gym.make")
+            return None
+        return self._show() if self.render_mode == "rgb_array" else None
+
+    def _draw(self, *, new: bool = False) -> None:
+        """Note where the robots are for their trails, and refresh the window."""
+        if self.render_mode is None:
+            return
+        if self._picture is None:
+            self._picture = Picture(self.core, self.render_mode)
+        self._picture.follow(new=new)
+        if self.render_mode == "human":
+            self._picture.draw()
+
+    def _show(self) -> Any:
+        if self._picture is None:
+            raise ResetNeeded("Call `reset` before `render`: there is nothing to show yet")
+        return self._picture.draw()
+
+    def close(self) -> None:
+        """Close the window."""
+        if self._picture is not None:
+            self._picture.close()
+            self._picture = None
+
+
+def open_core(
+    config: EnvConfig | Mapping[str, Any] | str | Path | None,
+    num_envs: int,
+    estimator: Any,
+    options: Mapping[str, Any],
+) -> Core:
+    """Build the core of a door; `estimator` "default" leaves the choice to the configuration."""
+    if isinstance(estimator, str) and estimator == "default":
+        return build_core(config, num_envs, options)
+    if estimator is None or isinstance(estimator, str | Mapping) or hasattr(estimator, "model_dump"):
+        return build_core(config, num_envs, {**options, "estimator": estimator})
+    if not all(hasattr(estimator, name) for name in ("reset", "update", "estimate")):
+        raise ConfigError(
+            "Argument `estimator` must be a name, a configuration, None, or follow `relloc_env.estimators.Estimator`, "
+            f"but is {type(estimator).__name__}"
+        )
+    own: Estimator = estimator
+    return build_core(config, num_envs, options, own)
+
+
+def check_render_mode(mode: str | None) -> str | None:
+    """Return a render mode, or raise where there is none of that name."""
+    if mode not in (None, "human", "rgb_array"):
+        raise ConfigError(f"Argument `render_mode` must be None, 'human' or 'rgb_array', but is {mode!r}")
+    return mode
+
+
+def frames_per_second(core: Core) -> int:
+    """Rate of frames (one an action) at which a recording runs in real time."""
+    return max(1, round(core.config.sample_rate / core.config.samples_per_action))
+
+
+def state_space(core: Core) -> spaces.Box:
+    """Space of the state for centralised critics."""
+    return spaces.Box(-np.inf, np.inf, (core.state_size,), np.float32)
+
+
+def check_options(options: Mapping[str, Any] | None) -> dict[str, Any] | None:
+    """Return the options of a reset that are ours; others are named in a warning, since wrappers pass theirs on."""
+    if options is None:
+        return None
+    if not isinstance(options, Mapping):
+        raise ConfigError(f"Argument `options` must be a mapping, but is {type(options).__name__}")
+    unknown = [name for name in options if name not in OPTIONS]
+    if unknown:
+        gym.logger.warn(f"Unknown options of reset, ignored: {', '.join(map(str, unknown))}; known: {', '.join(OPTIONS)}")
+    return {name: value for name, value in options.items() if name in OPTIONS} if len(unknown) < len(options) or not options else None

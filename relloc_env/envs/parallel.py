@@ -1,0 +1,176 @@
+"""The PettingZoo door: each robot is an agent."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, ClassVar
+
+import gymnasium as gym
+import numpy as np
+from gymnasium import spaces
+from gymnasium.error import ResetNeeded
+from pettingzoo import ParallelEnv
+
+from relloc_env.config import EnvConfig
+from relloc_env.envs.centralised import check_options, check_render_mode, frames_per_second, open_core, state_space
+from relloc_env.envs.core import ROBOT_NAMES, check_actions
+from relloc_env.envs.picture import Picture
+from relloc_env.envs.spaces import robot_observation, robot_space
+from relloc_env.samples import Float32
+from relloc_env.simulation import check_seed
+
+_ROW = np.zeros(1, np.int64)
+
+
+class RellocParallelEnv(ParallelEnv[str, Any, Any]):
+    """Robots `robot_a` and `robot_b` act at once, each on what it sees and was told.
+
+    Action of a robot: `Box(-1, 1, (2,), float32)`, speed and yaw rate as shares of its limits. Observation, rewards,
+    ends and arguments as in `relloc_env.envs.centralised.RellocEnv`, robot by robot; `infos[robot]` holds the truth.
+    """
+
+    metadata: ClassVar[dict[str, Any]] = {
+        "render_modes": ["human", "rgb_array"],
+        "name": "relloc_v0",
+        "is_parallelizable": True,
+        "render_fps": 4,
+    }
+
+    def __init__(
+        self,
+        config: EnvConfig | Mapping[str, Any] | str | Path | None = None,
+        *,
+        render_mode: str | None = None,
+        estimator: Any = "default",
+        **options: Any,
+    ) -> None:
+        self.core = open_core(config, 1, estimator, options)
+        self.render_mode = check_render_mode(render_mode)
+        self.metadata = {**self.metadata, "render_fps": frames_per_second(self.core)}
+        self.possible_agents = list(ROBOT_NAMES[: self.core.config.robots])
+        self.agents: list[str] = []
+        space = robot_space(self.core)
+        self.observation_spaces = {agent: space for agent in self.possible_agents}
+        self.action_spaces = {agent: spaces.Box(-1.0, 1.0, (2,), np.float32) for agent in self.possible_agents}
+        self.state_space = state_space(self.core)
+        self._actions = np.zeros((1, self.core.config.robots, 2))
+        self._picture: Picture | None = None
+
+    @property
+    def config(self) -> EnvConfig:
+        """The configuration, complete."""
+        return self.core.config
+
+    @property
+    def field_slices(self) -> dict[str, slice]:
+        """Where each named field is in a robot's flat observation."""
+        return self.core.slices
+
+    def observation_space(self, agent: str) -> spaces.Space[Any]:
+        """Space of a robot's observation, the same object at each call."""
+        return self.observation_spaces[agent]
+
+    def action_space(self, agent: str) -> spaces.Space[Any]:
+        """Space of a robot's action, the same object at each call."""
+        return self.action_spaces[agent]
+
+    def state(self) -> Float32:
+        """The truth and every observation as one vector, for centralised critics."""
+        return self.core.state(0)
+
+    def reset(
+        self, seed: int | None = None, options: Mapping[str, Any] | None = None
+    ) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
+        """Start an episode; arguments and errors as in `RellocEnv.reset`."""
+        self.agents = []
+        self.core.reset(_ROW, None if seed is None else [check_seed(seed)], check_options(options))
+        self.agents = self.possible_agents[:]
+        infos = self._infos()
+        for info in infos.values():
+            info["prior"] = self.core.prior(0)
+        self._draw(new=True)
+        return self._observations(), infos
+
+    def step(
+        self, actions: Mapping[str, Any]
+    ) -> tuple[
+        dict[str, Any], dict[str, float], dict[str, bool], dict[str, bool], dict[str, dict[str, Any]]
+    ]:
+        """Hold one action [-] (2,) of each robot for `samples_per_action` samples.
+
+        Raises:
+            ResetNeeded: before the first `reset`, or after the end of an episode.
+            ValueError: a missing or unknown robot, an action of another shape, or that is not finite.
+        """
+        agents, core = self.agents, self.core
+        if not agents:
+            raise ResetNeeded("Call `reset` before `step`: no episode is running")
+        if not isinstance(actions, Mapping) or actions.keys() != set(agents):
+            given = sorted(map(str, actions)) if isinstance(actions, Mapping) else type(actions).__name__
+            raise ValueError(f"Argument `actions` must have one action for each of {agents}, but has {given}")
+        for r, agent in enumerate(agents):
+            self._actions[0, r] = check_actions(f"actions[{agent!r}]", actions[agent], (2,))
+        core.step(self._actions, _ROW)
+        terminated, truncated = core.terminated(0), core.truncated(0)
+        rewards = dict(zip(agents, core.reward[0].tolist(), strict=True))
+        result = (
+            self._observations(),
+            rewards,
+            dict.fromkeys(agents, terminated),
+            dict.fromkeys(agents, truncated),
+            self._infos(),
+        )
+        if terminated or truncated:
+            self.agents = []
+        self._draw()
+        return result
+
+    def _observations(self) -> dict[str, Any]:
+        return {agent: robot_observation(self.core, 0, r) for r, agent in enumerate(self.agents)}
+
+    def _infos(self) -> dict[str, dict[str, Any]]:
+        return {agent: self.core.information(0, r) for r, agent in enumerate(self.agents)}
+
+    def get_state(self) -> dict[str, Any]:
+        """Everything the environment remembers, to be put back with `set_state`."""
+        return {"core": self.core.get_state(_ROW), "agents": self.agents[:]}
+
+    def set_state(self, state: Mapping[str, Any]) -> None:
+        """Go on from a state, bit for bit."""
+        self.core.set_state(state["core"], _ROW)
+        self.agents = list(state["agents"])
+        self._draw(new=True)
+
+    def render(self) -> Any:
+        """The picture of now: an RGB array (H, W, 3), or None for "human" (the window is drawn by reset and step)."""
+        if self.render_mode is None:
+            gym.logger.warn("`render` without a `render_mode` draws nothing; choose one when you build the environment")
+            return None
+        if self._picture is None:
+            raise ResetNeeded("Call `reset` before `render`: there is nothing to show yet")
+        return self._picture.draw() if self.render_mode == "rgb_array" else None
+
+    def _draw(self, *, new: bool = False) -> None:
+        if self.render_mode is None:
+            return
+        if self._picture is None:
+            self._picture = Picture(self.core, self.render_mode)
+        self._picture.follow(new=new)
+        if self.render_mode == "human":
+            self._picture.draw()
+
+    def close(self) -> None:
+        """Close the window."""
+        if self._picture is not None:
+            self._picture.close()
+            self._picture = None
+
+
+def parallel_env(
+    config: EnvConfig | Mapping[str, Any] | str | Path | None = None,
+    *,
+    render_mode: str | None = None,
+    estimator: Any = "default",
+    **options: Any,
+) -> RellocParallelEnv:
+    """Build the PettingZoo Parallel environment; arguments as in `relloc_env.envs.centralised.RellocEnv`."""
+    return RellocParallelEnv(config, render_mode=render_mode, estimator=estimator, **options)

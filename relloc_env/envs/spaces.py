@@ -1,0 +1,66 @@
+"""Observation and action spaces of a configuration, and an observation in the form its space has."""
+
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+
+from relloc_env.envs.core import ROBOT_NAMES, Core
+from relloc_env.samples import Float32
+
+
+def robot_space(core: Core) -> spaces.Space[Any]:
+    """Space of one robot's observation: a flat `Box`, or a `Dict` of its fields."""
+    if core.config.observation == "flat":
+        return spaces.Box(core.low.copy(), core.high.copy(), dtype=np.float32)
+    return spaces.Dict({f.name: spaces.Box(f.low, f.high, f.shape, np.float32) for f in core.fields})
+
+
+def joint_space(core: Core) -> spaces.Space[Any]:
+    """Space of all robots' observations: one flat `Box`, or a flat `Dict` with keys `robot_a/field`."""
+    robots = core.config.robots
+    if core.config.observation == "flat":
+        return spaces.Box(np.tile(core.low, robots), np.tile(core.high, robots), dtype=np.float32)
+    return spaces.Dict(
+        {
+            _key(core, r, f.name): spaces.Box(f.low, f.high, f.shape, np.float32)
+            for r in range(robots)
+            for f in core.fields
+        }
+    )
+
+
+def robot_observation(core: Core, n: int, r: int) -> Float32 | dict[str, Float32]:
+    """A fresh copy of what robot r of environment n observes."""
+    line: Float32 = core.observation[n, r].copy()
+    if core.config.observation == "flat":
+        return line
+    where = core.slices
+    return {f.name: line[where[f.name]].reshape(f.shape) for f in core.fields}
+
+
+def joint_observation(core: Core, n: int) -> Float32 | dict[str, Float32]:
+    """A fresh copy of what all robots of environment n observe."""
+    if core.config.observation == "flat":
+        return core.observation[n].flatten()
+    lines, where = core.observation[n].copy(), core.slices
+    return {
+        _key(core, r, f.name): lines[r, where[f.name]].reshape(f.shape)
+        for r in range(core.config.robots)
+        for f in core.fields
+    }
+
+
+def joint_slices(core: Core) -> dict[str, slice]:
+    """Where each field is in the flat joint observation, by the keys of the joint `Dict`."""
+    size = core.low.size
+    return {
+        _key(core, r, name): slice(r * size + part.start, r * size + part.stop)
+        for r in range(core.config.robots)
+        for name, part in core.slices.items()
+    }
+
+
+def _key(core: Core, r: int, name: str) -> str:
+    """A field's name in the joint observation; one robot alone needs no prefix."""
+    return name if core.config.robots == 1 else f"{ROBOT_NAMES[r]}/{name}"
