@@ -32,10 +32,11 @@ class MapAlignment:
             raise ValueError(f"Argument `camera_heights` must have one value per robot ({robots}), but has {heights}.")
         self.config = config
         self._heights = np.array(heights)
+        self._ends = ordered_pairs(robots)
         self._options = _options(config)
         self._scales = config.scale_sd != (0.0, 0.0)
         size = 3 * points + 2 * self._scales
-        n, w, r, m, p = num_envs, message_window, robots, points, len(ordered_pairs(robots))
+        n, w, r, m, p = num_envs, message_window, robots, points, len(self._ends)
         self._maps = Maps(
             state=np.zeros((n, w, r, size)),
             covariance=np.zeros((n, w, r, size, size)),
@@ -106,6 +107,7 @@ class MapAlignment:
             self._maps,
             self._pairs,
             self._options,
+            self._ends,
             self._heights,
             problem,
             starts,

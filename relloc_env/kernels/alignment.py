@@ -45,6 +45,8 @@ class Problem(NamedTuple):
     """(3 m,) g - X̂_B."""
     res_p: Float
     """(4,) (dh, xi) less the prior."""
+    pull: Float
+    """(3 m,) P_A⁻¹ res_a."""
     cross: Float
     """(3 m, 5) P_B⁻¹ [E, res_b], E the derivatives of g by (dh, xi)."""
     hessian: Float
@@ -62,7 +64,7 @@ class Problem(NamedTuple):
 def make_problem(points: int) -> Problem:
     """Return the workspace for alignments of up to `points` points."""
     m, n = 3 * points, 3 * points + 4
-    shapes: list[tuple[int, ...]] = [(m,), (m,), (m, m), (m, m), (4,), (4, 4), (m, 13), (m,), (m,), (4,), (m, 5)]
+    shapes: list[tuple[int, ...]] = [(m,), (m,), (m, m), (m, m), (4,), (4, 4), (m, 13), (m,), (m,), (4,), (m,), (m, 5)]
     shapes += [(n, n), (n, n), (n,), (n,), (n,)]
     return Problem(*(np.zeros(shape) for shape in shapes))
 
@@ -136,7 +138,7 @@ def evaluate(problem, m, y):
         for j in range(size):
             total_a += problem.info_a[i, j] * res_a[j]
             total_b += problem.info_b[i, j] * res_b[j]
-        problem.gradient[i] = total_a
+        problem.pull[i] = total_a
         problem.cross[i, 4] = total_b
         cost += total_a * res_a[i] + total_b * res_b[i]
     for k in range(3):
@@ -166,6 +168,7 @@ def assemble(problem, m, y):
             e_y += i_b * v[10] + i_e * v[11] + i_r * v[12]
             e_t -= i_b
         cross[i, 0], cross[i, 1], cross[i, 2], cross[i, 3] = e_h, e_x, e_y, e_t
+        gradient[i] = problem.pull[i]
     for a in range(4):
         row = size + a
         gradient[row] = 0.0
@@ -254,38 +257,36 @@ def minimise(problem, m, y, free, iterations, tolerance):
     Returns:
         (J, log det H): infinite J where no minimum was found.
     """
-    cost = evaluate(problem, m, y)
-    if not cost < math.inf:
-        return math.inf, 0.0
-    assemble(problem, m, y)
-    damping = 0.0
     step, trial = problem.step, problem.trial
-    for _ in range(iterations):
-        if not factor_damped(problem, free, damping):
+    for i in range(3 * m + 4):
+        trial[i] = y[i]
+    cost, damping = math.inf, 0.0
+    for _ in range(iterations + 1):
+        new_cost = evaluate(problem, m, trial)
+        if new_cost <= cost and new_cost < math.inf:
+            cost = new_cost
+            for i in range(free):
+                y[i] = trial[i]
+            assemble(problem, m, y)
+            damping = 0.1 * damping if damping > 1e-4 else 0.0
+        elif cost == math.inf:
+            return math.inf, 0.0
+        else:
+            damping = max(10.0 * damping, 1e-3)
+        while not factor_damped(problem, free, damping):
+            if damping > 1e6:
+                return math.inf, 0.0
             damping = max(10.0 * damping, 1e-6)
-            continue
         for i in range(free):
             step[i] = -problem.gradient[i]
         solve_factored(problem.factor, step, free)
         promise = 0.0
         for i in range(free):
             promise -= step[i] * problem.gradient[i]
+            trial[i] = y[i] + step[i]
         if promise < tolerance:
             break
-        for i in range(3 * m + 4):
-            trial[i] = y[i] + step[i] if i < free else y[i]
-        new_cost = evaluate(problem, m, trial)
-        if new_cost <= cost:
-            for i in range(free):
-                y[i] = trial[i]
-            cost = new_cost
-            assemble(problem, m, y)
-            damping = 0.1 * damping if damping > 1e-4 else 0.0
-        else:
-            evaluate(problem, m, y)
-            assemble(problem, m, y)
-            damping = max(10.0 * damping, 1e-3)
-    if not factor_damped(problem, free, 0.0):
+    if damping > 0.0 and not factor_damped(problem, free, 0.0):
         return math.inf, 0.0
     y[3 * m + 3] = wrap_angle(y[3 * m + 3])
     return cost, log_determinant(problem.factor, free)
@@ -308,11 +309,11 @@ def pose_covariance(problem, m, covariance):
 
 
 @kernel
-def start_at(problem, m, r_x, r_y, theta, y):
+def start_at(problem, m, pose, y):
     """Write a start into y: A's own map, the height's prior and the given pose."""
     for i in range(3 * m):
         y[i] = problem.mean_a[i]
-    y[3 * m], y[3 * m + 1], y[3 * m + 2], y[3 * m + 3] = problem.prior[0], r_x, r_y, theta
+    y[3 * m], y[3 * m + 1], y[3 * m + 2], y[3 * m + 3] = problem.prior[0], pose[0], pose[1], pose[2]
 
 
 @kernel
@@ -334,4 +335,5 @@ def start_from_heading(problem, m, theta, least_inverse_range, y):
         b_x += range_b * math.cos(problem.mean_b[p])
         b_y += range_b * math.sin(problem.mean_b[p])
     cos, sin = math.cos(theta), math.sin(theta)
-    start_at(problem, m, (a_x - cos * b_x + sin * b_y) / m, (a_y - sin * b_x - cos * b_y) / m, theta, y)
+    pose = ((a_x - cos * b_x + sin * b_y) / m, (a_y - sin * b_x - cos * b_y) / m, theta)
+    start_at(problem, m, pose, y)

@@ -203,9 +203,12 @@ def observe(maps, options, n, dt, odometry, image, seen, work):
     for r in range(robots):
         state, covariance, known = maps.state[n, now, r], maps.covariance[n, now, r], maps.known[n, now, r]
         if window > 1:
-            state[:] = maps.state[n, old, r]
-            covariance[:] = maps.covariance[n, old, r]
-            known[:] = maps.known[n, old, r]
+            for i in range(state.shape[0]):
+                state[i] = maps.state[n, old, r, i]
+                for j in range(state.shape[0]):
+                    covariance[i, j] = maps.covariance[n, old, r, i, j]
+            for i in range(points):
+                known[i] = maps.known[n, old, r, i]
         v, lateral, w = float(odometry[r, 0]), float(odometry[r, 1]), float(odometry[r, 2])
         motion = maps.motion[n, now, r]
         motion[0], motion[1], motion[2], motion[3] = dt, v, lateral, w
@@ -274,8 +277,50 @@ def move_anchor(maps, pairs, options, n, p, a, b, work):
 
 
 @kernel
-def carry_to_now(maps, pairs, options, n, p, a, steps, work):
-    """Carry a pair's pose over the newest `steps` samples, of which the observed robot has not been heard."""
+def keep_pair(maps, pairs, options, n, p, a, b, arrived, work):
+    """Account for one sample in a pair: move the anchor to the newest message.
+
+    Args:
+        maps, pairs, options: see there.
+        n, p, a, b: environment, pair, observer and observed.
+        arrived: (bits) j-th set where the message made j samples ago arrives now.
+        work: (≥ 3, ≥ 3) scratch.
+
+    Returns:
+        Whether a newer message than all before was heard.
+    """
+    window = maps.state.shape[1]
+    pairs.age[n, p] += 1
+    pairs.silence[n, p] += 1
+    newest = -1
+    for j in range(min(window, pairs.silence[n, p])):
+        if (arrived >> np.uint64(j)) & np.uint64(1):
+            newest = j
+            break
+    heard = 0 <= newest <= pairs.age[n, p]
+    if heard:
+        pairs.silence[n, p] = newest
+        slot = (maps.cursor[n] - newest) % window
+        v, lateral, w = scaled_motion(maps, n, slot, b)
+        pairs.heard[n, p, 0], pairs.heard[n, p, 1], pairs.heard[n, p, 2] = v, lateral, w
+    # Without a message the anchor still moves, quietly, before the ring loses its sample.
+    target = newest if heard else window - 1
+    pairs.pending[n, p] = heard or (pairs.pending[n, p] and pairs.age[n, p] <= target)
+    while pairs.age[n, p] > target:
+        move_anchor(maps, pairs, options, n, p, a, b, work)
+    return heard
+
+
+@kernel
+def show_pose(maps, pairs, options, n, p, a, renewed, work):
+    """Bring a pair's pose to now: from the anchor where that was `renewed`, else from the sample before."""
+    steps = 1
+    if renewed:
+        steps = pairs.age[n, p]
+        for i in range(3):
+            pairs.pose[n, p, i] = pairs.anchored[n, p, i]
+            for j in range(3):
+                pairs.pose_covariance[n, p, i, j] = pairs.anchored_covariance[n, p, i, j]
     window = maps.state.shape[1]
     for back in range(steps - 1, -1, -1):
         slot = (maps.cursor[n] - back) % window
@@ -295,51 +340,6 @@ def carry_to_now(maps, pairs, options, n, p, a, steps, work):
         carry(
             pairs.pose[n, p], pairs.pose_covariance[n, p], v_a, l_a, w_a, v_b, l_b, w_b, dt, variance, unheard, work
         )
-
-
-@kernel
-def keep_pair(maps, pairs, options, n, p, a, b, arrived, work):
-    """Account for one sample in a pair: move the anchor to the newest message, carry the pose to now.
-
-    Args:
-        maps, pairs, options: see there.
-        n, p, a, b: environment, pair, observer and observed.
-        arrived: (bits) j-th set where the message made j samples ago arrives now.
-        work: (≥ 3, ≥ 3) scratch.
-    """
-    window = maps.state.shape[1]
-    pairs.age[n, p] += 1
-    pairs.silence[n, p] += 1
-    newest = -1
-    for j in range(min(window, pairs.silence[n, p])):
-        if (arrived >> np.uint64(j)) & np.uint64(1):
-            newest = j
-            break
-    if 0 <= newest <= pairs.age[n, p]:
-        while pairs.age[n, p] > newest:
-            move_anchor(maps, pairs, options, n, p, a, b, work)
-        pairs.silence[n, p] = newest
-        pairs.pending[n, p] = True
-        slot = (maps.cursor[n] - newest) % window
-        v, lateral, w = scaled_motion(maps, n, slot, b)
-        pairs.heard[n, p, 0], pairs.heard[n, p, 1], pairs.heard[n, p, 2] = v, lateral, w
-        show_anchor(maps, pairs, options, n, p, a, work)
-        return
-    carry_to_now(maps, pairs, options, n, p, a, 1, work)
-    # The ring is about to lose the anchor's sample: move on, quietly; what is believed now does not hear of it.
-    while pairs.age[n, p] >= window:
-        move_anchor(maps, pairs, options, n, p, a, b, work)
-        pairs.pending[n, p] = False
-
-
-@kernel
-def show_anchor(maps, pairs, options, n, p, a, work):
-    """Set the pose now from what is believed at the anchor."""
-    for i in range(3):
-        pairs.pose[n, p, i] = pairs.anchored[n, p, i]
-        for j in range(3):
-            pairs.pose_covariance[n, p, i, j] = pairs.anchored_covariance[n, p, i, j]
-    carry_to_now(maps, pairs, options, n, p, a, pairs.age[n, p], work)
 
 
 @kernel
@@ -393,30 +393,23 @@ def align_pair(maps, pairs, options, heights, problem, starts, n, p, a, b, work)
     if not load_prior(problem, difference, options.height_sd, pairs.prior[n, p], pairs.prior_covariance[n, p]):
         return
     unknowns, last = 3 * m + 4, 3 * m + 1
-    mode, second = pairs.mode[n, p], pairs.second[n, p]
+    mode, second, turn = pairs.mode[n, p], pairs.second[n, p], pairs.turn[n, p]
+    pairs.turn[n, p] = turn + 1
     best, other = starts[0], starts[1]
     cov, other_cov = work[0:3, 0:3], work[3:6, 0:3]
-    start_at(problem, m, mode[0], mode[1], mode[2], best)
-    cost, log_det = minimise(problem, m, best, unknowns, options.iterations, options.tolerance)
-    if cost < math.inf:
-        pose_covariance(problem, m, cov)
-    turn = pairs.turn[n, p]
-    pairs.turn[n, p] = turn + 1
-    rival_cost, rival_log_det = math.inf, 0.0
-    for source in range(2):
+    cost, log_det, rival_cost, rival_log_det = math.inf, 0.0, math.inf, 0.0
+    for source in range(3):
         if source == 0:
-            if not pairs.has_second[n, p]:
-                continue
-            start_at(problem, m, second[0], second[1], second[2], other)
-        else:
-            if turn % options.challenger_every != 0:
-                continue
+            start_at(problem, m, mode, other)
+        elif source == 1 and pairs.has_second[n, p]:
+            start_at(problem, m, second, other)
+        elif source == 2 and turn % options.challenger_every == 0:
             heading = pairs.prior[n, p, 2] + (turn // options.challenger_every % 12) * math.pi / 6.0
             start_from_heading(problem, m, heading, LEAST_INVERSE_RANGE, other)
-        other_cost, other_log_det = minimise(problem, m, other, unknowns, options.iterations, options.tolerance)
-        if not other_cost < math.inf:
+        else:
             continue
-        far = abs(wrap_angle(other[last + 2] - best[last + 2])) > SECOND_HEADING
+        other_cost, other_log_det = minimise(problem, m, other, unknowns, options.iterations, options.tolerance)
+        far = cost == math.inf or abs(wrap_angle(other[last + 2] - best[last + 2])) > SECOND_HEADING
         if other_cost < cost:
             # The challenger leads; the former leader, if another optimum, becomes the rival.
             if far and cost < rival_cost:
@@ -451,34 +444,34 @@ def align_pair(maps, pairs, options, heights, problem, starts, n, p, a, b, work)
 
 
 @kernel
-def take_samples(rows, period, odometry, image, seen, arrived, maps, pairs, options, heights, problem, starts, work):
+def take_samples(
+    rows, period, odometry, image, seen, arrived, maps, pairs, options, ends, heights, problem, starts, work
+):
     """Take all K samples of the environments `rows` in, in order.
 
     Args:
         rows: environments.
         period, odometry, image, seen, arrived: as `samples.Samples`.
         maps, pairs, options: what is remembered, and the numbers of the configuration.
+        ends: (P, 2) observer and observed of each pair.
         heights: (R,) [m] of the cameras.
         problem, starts, work: scratch.
     """
-    count, robots = seen.shape[1], seen.shape[2]
+    count = seen.shape[1]
     for index in range(rows.shape[0]):
         n = rows[index]
         for k in range(count):
             observe(maps, options, n, period[n, k], odometry[n, k], image[n, k], seen[n, k], work)
             due = k == count - 1 if options.every == 0 else maps.ticks[n] % options.every == 0
             maps.ticks[n] += 1
-            p = 0
-            for a in range(robots):
-                for b in range(robots):
-                    if a == b:
-                        continue
-                    keep_pair(maps, pairs, options, n, p, a, b, arrived[n, k, p], work)
-                    if due and pairs.pending[n, p]:
-                        align_pair(maps, pairs, options, heights, problem, starts, n, p, a, b, work)
-                        pairs.pending[n, p] = False
-                        show_anchor(maps, pairs, options, n, p, a, work)
-                    p += 1
+            for p in range(ends.shape[0]):
+                a, b = ends[p, 0], ends[p, 1]
+                renewed = keep_pair(maps, pairs, options, n, p, a, b, arrived[n, k, p], work)
+                if due and pairs.pending[n, p]:
+                    align_pair(maps, pairs, options, heights, problem, starts, n, p, a, b, work)
+                    pairs.pending[n, p] = False
+                    renewed = True
+                show_pose(maps, pairs, options, n, p, a, renewed, work)
 
 
 def scratch(points: int, size: int) -> tuple[Problem, Float, Float]:
