@@ -118,36 +118,27 @@ def indices(covariance, robots, count, robot):
 
 
 @kernel
-def point_error(covariance, p, t, d, p_x, p_y, j):
-    """Covariance with state j of the error of a point relative to a robot, in the axes of the world.
+def _correct(covariance, work, p, t, d, p_x, p_y, a_0, a_1, variance_a, b_0, b_1, b_2, variance_b):
+    """Take in two measurements with rows (a_0, a_1, 0) and (b_0, b_1, b_2) on the error of a point seen by a robot.
 
-    e = δ(point) - rho - J (point) theta, and δh + δd  ([m] three numbers).
+    That error is e = δ(point) - rho - J (point) theta and δh + δd, in the axes of the world. With W = P Hᵀ L⁻ᵀ and
+    L Lᵀ = H P Hᵀ + diag(variance_a, variance_b), P -= W Wᵀ, which keeps P symmetric to the bit.
 
     Args:
-        covariance: (D, D) the bound.
+        covariance, work: (D, D) the bound, changed; (2, D) scratch.
         p, t, d: first index of the point, and `indices` of the robot.
         p_x, p_y: [m] the point, {W}.
-        j: index into the state.
-    """
-    e_0, e_1, e_2 = covariance[p, j], covariance[p + 1, j], covariance[p + 2, j]
-    if t > 0:
-        turn = covariance[t + 2, j]
-        e_0 += p_y * turn - covariance[t, j]
-        e_1 -= p_x * turn + covariance[t + 1, j]
-        if d > 0:
-            e_2 += covariance[d, j]
-    return e_0, e_1, e_2
-
-
-@kernel
-def _correct(covariance, work, p, t, d, p_x, p_y, a_0, a_1, variance_a, b_0, b_1, b_2, variance_b):
-    """Take in two measurements with rows (a_0, a_1, 0) and (b_0, b_1, b_2) on `point_error`.
-
-    With W = P Hᵀ L⁻ᵀ and L Lᵀ = H P Hᵀ + diag(variance_a, variance_b), P -= W Wᵀ, which keeps P symmetric to the bit.
+        a_0, ..., variance_b: rows and variances of the two measurements.
     """
     size = covariance.shape[0]
     for j in range(size):
-        e_0, e_1, e_2 = point_error(covariance, p, t, d, p_x, p_y, j)
+        e_0, e_1, e_2 = covariance[p, j], covariance[p + 1, j], covariance[p + 2, j]
+        if t > 0:
+            turn = covariance[t + 2, j]
+            e_0 += p_y * turn - covariance[t, j]
+            e_1 -= p_x * turn + covariance[t + 1, j]
+            if d > 0:
+                e_2 += covariance[d, j]
         work[0, j] = a_0 * e_0 + a_1 * e_1
         work[1, j] = b_0 * e_0 + b_1 * e_1 + b_2 * e_2
     u_0, u_1 = work[0, p], work[0, p + 1]

@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from relloc_env.kernels._compile import kernel
-from relloc_env.kernels.bound import bound_reset, bound_step, indices, point_error
+from relloc_env.kernels.bound import bound_reset, bound_step, indices
 
 RANGE_UNIT = 0.1
 """[m] standard deviation of the range at which the information of a point is zero."""
@@ -92,6 +92,28 @@ def pose_covariance(covariance, count, poses, a, b, out):
 
 
 @kernel
+def _point_error(covariance, p, t, d, p_x, p_y, j):
+    """Covariance with state j of the error of a point relative to a robot, as in `bound`.
+
+    e = δ(point) - rho - J (point) theta, and δh + δd  ([m] three numbers).
+
+    Args:
+        covariance: (D, D) the bound.
+        p, t, d: first index of the point, and `indices` of the robot.
+        p_x, p_y: [m] the point, {W}.
+        j: index into the state.
+    """
+    e_0, e_1, e_2 = covariance[p, j], covariance[p + 1, j], covariance[p + 2, j]
+    if t > 0:
+        turn = covariance[t + 2, j]
+        e_0 += p_y * turn - covariance[t, j]
+        e_1 -= p_x * turn + covariance[t + 1, j]
+        if d > 0:
+            e_2 += covariance[d, j]
+    return e_0, e_1, e_2
+
+
+@kernel
 def point_covariance(covariance, poses, points, robot, i, out):
     """Bound of the point i in the body frame of a robot.
 
@@ -105,16 +127,16 @@ def point_covariance(covariance, poses, points, robot, i, out):
     p_x, p_y = points[i, 0], points[i, 1]
     t, d = indices(covariance, poses.shape[0], points.shape[0], robot)
     for j in range(3):
-        out[0, j], out[1, j], out[2, j] = point_error(covariance, 3 * i, t, d, p_x, p_y, 3 * i + j)
+        out[0, j], out[1, j], out[2, j] = _point_error(covariance, 3 * i, t, d, p_x, p_y, 3 * i + j)
     if t > 0:
-        along = point_error(covariance, 3 * i, t, d, p_x, p_y, t)
-        across = point_error(covariance, 3 * i, t, d, p_x, p_y, t + 1)
-        turn = point_error(covariance, 3 * i, t, d, p_x, p_y, t + 2)
+        along = _point_error(covariance, 3 * i, t, d, p_x, p_y, t)
+        across = _point_error(covariance, 3 * i, t, d, p_x, p_y, t + 1)
+        turn = _point_error(covariance, 3 * i, t, d, p_x, p_y, t + 2)
         for k in range(3):
             out[k, 0] += p_y * turn[k] - along[k]
             out[k, 1] -= p_x * turn[k] + across[k]
         if d > 0:
-            e = point_error(covariance, 3 * i, t, d, p_x, p_y, d)
+            e = _point_error(covariance, 3 * i, t, d, p_x, p_y, d)
             for k in range(3):
                 out[k, 2] += e[k]
     cos, sin = math.cos(poses[robot, 2]), math.sin(poses[robot, 2])
@@ -134,11 +156,11 @@ def range_variance(covariance, poses, points, robot, i):
     t, d = indices(covariance, poses.shape[0], points.shape[0], robot)
     total = 0.0
     for j, weight in ((3 * i, u_x), (3 * i + 1, u_y)):
-        e_0, e_1, _ = point_error(covariance, 3 * i, t, d, p_x, p_y, j)
+        e_0, e_1, _ = _point_error(covariance, 3 * i, t, d, p_x, p_y, j)
         total += weight * (u_x * e_0 + u_y * e_1)
     if t > 0:
         for j, weight in ((t, -u_x), (t + 1, -u_y), (t + 2, u_x * p_y - u_y * p_x)):
-            e_0, e_1, _ = point_error(covariance, 3 * i, t, d, p_x, p_y, j)
+            e_0, e_1, _ = _point_error(covariance, 3 * i, t, d, p_x, p_y, j)
             total += weight * (u_x * e_0 + u_y * e_1)
     return total
 
