@@ -58,7 +58,7 @@ class Score(NamedTuple):
     worst_sd: Any
     """[m, rad] (N, 2) bound's worst standard deviation: of range or position, and of heading."""
     depth_error: Any
-    """[m] (N, R, M) estimated minus true range; NaN for points not known yet."""
+    """[m] (N, R, M) estimated minus true range; infinite for points not known yet."""
     pose_error: Any
     """[m, rad] (N, P, 2) distance and angle between estimated and true pose."""
     terms: Any
@@ -174,7 +174,7 @@ def _errors(score, world, estimate, pairs, n):
                 found = 1.0 / max(estimate.points[n, r, i, 2], 1e-6)
                 score.depth_error[n, r, i] = found - math.sqrt(d_x * d_x + d_y * d_y)
             else:
-                score.depth_error[n, r, i] = math.nan
+                score.depth_error[n, r, i] = math.inf
     for p in range(pairs.shape[0]):
         a, b = world.pose[n, pairs[p, 0]], world.pose[n, pairs[p, 1]]
         x, y, theta = relative(a[0], a[1], a[2], b[0], b[1], b[2])
@@ -241,7 +241,7 @@ def score_action(
                 d_y = world.points[n, i, 1] - world.pose[n, r, 1]
                 error = score.depth_error[n, r, i]
                 share = abs(error) / math.sqrt(d_x * d_x + d_y * d_y)
-                total += share if share < 1.0 else 1.0  # NaN: not known yet
+                total += share if share < 1.0 else 1.0
             terms[DEPTH_ERROR] = total / count
             total = 0.0
             for p in range(pairs.shape[0]):

@@ -25,7 +25,7 @@ def _sources_digest() -> str:
 
 # Set before anything imports numba, pygame or matplotlib. numba notices a change of the file that a cached function
 # stands in, not of the functions that it calls in other files: a cache per state of all sources is never stale.
-os.environ["NUMBA_CACHE_DIR"] = str(ROOT / ".cache" / "numba" / _sources_digest())
+os.environ.setdefault("NUMBA_CACHE_DIR", str(ROOT / ".cache" / "numba" / _sources_digest()))
 os.environ["SDL_VIDEODRIVER"] = "dummy"
 os.environ["SDL_AUDIODRIVER"] = "dummy"
 os.environ["MPLBACKEND"] = "Agg"

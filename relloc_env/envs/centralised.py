@@ -1,12 +1,14 @@
 """The Gymnasium door: one agent that sees what all robots see and drives them all."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, ClassVar
 
 import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
+from gymnasium.envs.registration import EnvSpec
 from gymnasium.error import ResetNeeded
 
 from relloc_env.config import ConfigError, EnvConfig
@@ -18,6 +20,8 @@ from relloc_env.samples import Float32
 from relloc_env.simulation import OPTIONS, check_seed
 
 _ROW = np.zeros(1, np.int64)
+STATE_BOUND = 1000.0
+"""Bound of every entry of `state()` [m, rad, -]."""
 
 
 class RellocEnv(gym.Env[Any, Any]):
@@ -67,7 +71,19 @@ class RellocEnv(gym.Env[Any, Any]):
         self.action_space = spaces.Box(-1.0, 1.0, (2 * self.core.config.robots,), np.float32)
         self._shape = (2 * self.core.config.robots,)
         self._running = False
+        self._spec: EnvSpec | None = None
         self._picture: Picture | None = None
+
+    @property
+    def spec(self) -> EnvSpec | None:  # type: ignore[override]
+        """How Gymnasium made this; its horizon is the configuration's, so that wrappers know it."""
+        return self._spec
+
+    @spec.setter
+    def spec(self, value: EnvSpec | None) -> None:
+        if value is not None and value.max_episode_steps is None:
+            value = replace(value, max_episode_steps=self.config.max_cycles)
+        self._spec = value
 
     @property
     def config(self) -> EnvConfig:
@@ -200,7 +216,7 @@ def frames_per_second(core: Core) -> int:
 
 def state_space(core: Core) -> spaces.Box:
     """Space of the state for centralised critics."""
-    return spaces.Box(-np.inf, np.inf, (core.state_size,), np.float32)
+    return spaces.Box(-STATE_BOUND, STATE_BOUND, (core.state_size,), np.float32)
 
 
 def check_options(options: Mapping[str, Any] | None) -> dict[str, Any] | None:

@@ -21,6 +21,7 @@ from relloc_env.envs.observation import (
     observe,
     slices,
 )
+from relloc_env.estimators.config import CascadeConfig, MapAlignmentConfig
 from relloc_env.estimators.protocol import Estimator
 from relloc_env.estimators.registry import make
 from relloc_env.rewards import TERMS, make_score, pack_known, score_action, start_score, weights
@@ -177,7 +178,8 @@ class Core:
         terms = found.terms[n].mean(axis=0) if robot is None else found.terms[n, robot]
         info: dict[str, Any] = {f"reward/{name}": value for name, value in zip(TERMS, terms.tolist(), strict=True)}
         info["truth"] = {"poses": world.pose[n].copy(), "points": world.points[n].copy()}
-        info["errors"] = {"range": found.depth_error[n].copy(), "pose": found.pose_error[n].copy()}
+        if not self.bare:
+            info["errors"] = {"range": found.depth_error[n].copy(), "pose": found.pose_error[n].copy()}
         info["information"] = {"depth": found.depth_information[n].copy(), "pose": float(found.pose_information[n])}
         info["bound_sd"] = found.worst_sd[n].copy()
         return info
@@ -227,7 +229,7 @@ class Core:
             getattr(self, name)[rows] = state["episode"][name]
 
 
-def _informed(config: EnvConfig) -> BaseModel:
+def _informed(config: EnvConfig) -> CascadeConfig | MapAlignmentConfig:
     """The estimator's configuration, which takes the noise of the robots' sensors where it does not state its own."""
     assert config.estimator is not None
     noise = {

@@ -72,9 +72,9 @@ def scene(core: "Core", n: int, trails: list[Float]) -> "Scene":
     readings = []
     if not core.bare:
         for r in range(config.robots):
-            error = core.score.depth_error[n, r]
-            shown = f"{np.nanmax(np.abs(error)):.2f} m" if np.isfinite(error).any() else "none"
-            readings.append(Reading("depth error", shown, r))
+            error = np.abs(core.score.depth_error[n, r])
+            known = error[np.isfinite(error)]
+            readings.append(Reading("depth error", f"{known.max():.2f} m" if known.size else "none", r))
         for p, (a, _) in enumerate(core.simulation.pairs):
             length, angle = core.score.pose_error[n, p]
             readings.append(Reading("pose error", f"{length:.2f} m {math.degrees(angle):.1f}°", int(a)))

@@ -10,10 +10,10 @@ from relloc_env.samples import Float32
 
 
 def robot_space(core: Core) -> spaces.Space[Any]:
-    """Space of one robot's observation: a flat `Box`, or a `Dict` of its fields."""
+    """Space of one robot's observation: a flat `Box`, or a `Dict` of its fields, each a vector."""
     if core.config.observation == "flat":
         return spaces.Box(core.low.copy(), core.high.copy(), dtype=np.float32)
-    return spaces.Dict({f.name: spaces.Box(f.low, f.high, f.shape, np.float32) for f in core.fields})
+    return spaces.Dict({f.name: spaces.Box(f.low, f.high, (f.size,), np.float32) for f in core.fields})
 
 
 def joint_space(core: Core) -> spaces.Space[Any]:
@@ -23,7 +23,7 @@ def joint_space(core: Core) -> spaces.Space[Any]:
         return spaces.Box(np.tile(core.low, robots), np.tile(core.high, robots), dtype=np.float32)
     return spaces.Dict(
         {
-            _key(core, r, f.name): spaces.Box(f.low, f.high, f.shape, np.float32)
+            _key(core, r, f.name): spaces.Box(f.low, f.high, (f.size,), np.float32)
             for r in range(robots)
             for f in core.fields
         }
@@ -36,7 +36,7 @@ def robot_observation(core: Core, n: int, r: int) -> Float32 | dict[str, Float32
     if core.config.observation == "flat":
         return line
     where = core.slices
-    return {f.name: line[where[f.name]].reshape(f.shape) for f in core.fields}
+    return {f.name: line[where[f.name]] for f in core.fields}
 
 
 def joint_observation(core: Core, n: int) -> Float32 | dict[str, Float32]:
@@ -45,7 +45,7 @@ def joint_observation(core: Core, n: int) -> Float32 | dict[str, Float32]:
         return core.observation[n].flatten()
     lines, where = core.observation[n].copy(), core.slices
     return {
-        _key(core, r, f.name): lines[r, where[f.name]].reshape(f.shape)
+        _key(core, r, f.name): lines[r, where[f.name]]
         for r in range(core.config.robots)
         for f in core.fields
     }

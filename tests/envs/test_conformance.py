@@ -1,0 +1,128 @@
+"""The real clients' own conformance suites, unchanged, on every door."""
+
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium import wrappers
+from gymnasium.utils.env_checker import check_env
+from pettingzoo.test import (
+    api_test,
+    max_cycles_test,
+    parallel_api_test,
+    parallel_seed_test,
+    render_test,
+    seed_test,
+    state_test,
+)
+
+import relloc_env
+
+IDS = ("relloc_env/ActiveDepth-v0", "relloc_env/RelativePose-v0")
+VARIANTS: dict[str, dict[str, Any]] = {
+    "default": {},
+    "dict": {"observation": "dict"},
+    "bare": {"estimator": None},
+    "bare-lossy": {"estimator": None, "network": {"latency": 0.1, "jitter": 0.1, "loss": 0.2}},
+    "lossy": {"network": {"latency": 0.1, "jitter": 0.1, "loss": 0.2}},
+}
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+@pytest.mark.parametrize("name", IDS)
+def test_gymnasium_checker_has_nothing_to_say(name: str, variant: str) -> None:
+    env = gym.make(name, **VARIANTS[variant]).unwrapped
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        check_env(env, skip_render_check=True)
+
+
+@pytest.mark.parametrize("name", IDS)
+def test_gymnasium_checker_renders(name: str) -> None:
+    env = gym.make(name, render_mode="rgb_array").unwrapped
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        check_env(env)
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+@pytest.mark.parametrize("name", IDS)
+def test_stable_baselines_checker(name: str, variant: str) -> None:
+    checker = pytest.importorskip("stable_baselines3.common.env_checker")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        checker.check_env(gym.make(name, **VARIANTS[variant]).unwrapped)
+
+
+@pytest.mark.filterwarnings("ignore:.*Unknown options of reset")  # the suites pass an option of their own
+@pytest.mark.filterwarnings("ignore:We recommend agents to be named")  # the paper's names
+@pytest.mark.filterwarnings("ignore:Observation is not a NumPy array")  # a Dict, as asked for
+@pytest.mark.filterwarnings("ignore:Observation space for each agent probably should be")  # likewise
+@pytest.mark.parametrize("robots", [1, 2])
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_pettingzoo_suites(robots: int, variant: str) -> None:
+    options = {"robots": robots, "max_cycles": 50, **VARIANTS[variant]}
+
+    def parallel() -> Any:
+        return relloc_env.parallel_env(**options)
+
+    def aec() -> Any:
+        return relloc_env.env(**options)
+
+    parallel_api_test(parallel(), num_cycles=120)
+    api_test(aec(), num_cycles=60)
+    parallel_seed_test(parallel)
+    seed_test(aec, num_cycles=20)
+    state_test(aec(), parallel())
+
+
+def test_pettingzoo_module_suites() -> None:
+    max_cycles_test(relloc_env)
+    render_test(relloc_env.env)
+
+
+WRAPPERS: dict[str, Callable[[gym.Env[Any, Any]], gym.Env[Any, Any]]] = {
+    "RecordEpisodeStatistics": wrappers.RecordEpisodeStatistics,
+    "FlattenObservation": wrappers.FlattenObservation,
+    "NormalizeObservation": wrappers.NormalizeObservation,
+    "TimeAwareObservation": wrappers.TimeAwareObservation,
+    "FrameStackObservation": lambda env: wrappers.FrameStackObservation(env, 3),
+}
+
+
+@pytest.mark.parametrize("wrapper", WRAPPERS)
+@pytest.mark.parametrize("name", IDS)
+def test_gymnasium_wrappers(name: str, wrapper: str) -> None:
+    env = WRAPPERS[wrapper](gym.make(name, max_cycles=8))
+    env.action_space.seed(3)
+    observation, _ = env.reset(seed=3)
+    assert env.observation_space.contains(observation)
+    ended = False
+    while not ended:
+        observation, _, terminated, truncated, info = env.step(env.action_space.sample())
+        ended = terminated or truncated
+        assert np.shape(observation) == env.observation_space.shape
+    if wrapper == "RecordEpisodeStatistics":
+        assert info["episode"]["l"] == 8
+
+
+def test_record_video(tmp_path: Path) -> None:
+    pytest.importorskip("moviepy")
+    env = wrappers.RecordVideo(gym.make(IDS[1], max_cycles=4, render_mode="rgb_array"), str(tmp_path / "videos"))
+    env.reset(seed=0)
+    for _ in range(4):
+        env.step(env.action_space.sample())
+    env.close()
+    (video,) = (tmp_path / "videos").glob("*.mp4")
+    assert video.stat().st_size > 10_000
+
+
+@pytest.mark.parametrize("name", IDS)
+def test_id_without_import(name: str) -> None:
+    env = gym.make(f"relloc_env:{name}")
+    observation, _ = env.reset(seed=0)
+    assert env.observation_space.contains(observation)
