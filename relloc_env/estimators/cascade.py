@@ -35,18 +35,35 @@ class Cascade:
         self._pairs = ordered_pairs(robots)
         pairs = len(self._pairs)
         n, length = num_envs, message_window
+        self._arrays: dict[str, NDArray[Any]] = {
+            "sample": np.full(n, -1, dtype=np.int64),
+            "depth": np.zeros((n, robots, points, depth_state.SIZE)),
+            "settings": np.tile(_settings(config, robots), (n, 1, 1)),
+            "guess": np.ones((n, robots, points)),
+            "motion": np.zeros((n, length, robots, pose_filter.MOTION)),
+            "clock": np.zeros((n, length, pose_filter.CLOCK)),
+            "point": np.zeros((n, length, robots, points, pose_filter.POINT)),
+            "usable": np.zeros((n, length, robots, points), dtype=np.bool_),
+            "anchor": np.zeros((n, pairs, length + 1 if length > 1 else 1, pose_filter.ANCHOR)),
+            "received": np.zeros((n, pairs), dtype=np.uint64),
+        }
+        # the same memory as tables: cheaper to index in compiled code
+        flat = {name: self._arrays[name].reshape(-1) for name in ("guess", "usable")}
+        wide = ("depth", "settings", "motion", "clock", "point", "anchor")
+        table = {name: self._arrays[name].reshape(-1, self._arrays[name].shape[-1]) for name in wide}
         self._state = kernels.State(
-            sample=np.full(n, -1, dtype=np.int64),
-            depth=np.zeros((n, robots, points, depth_state.SIZE)),
-            settings=np.tile(_settings(config, robots), (n, 1, 1)),
-            guess=np.ones((n, robots, points)),
-            ring=pose_filter.Ring(
-                motion=np.zeros((n, length, robots, pose_filter.MOTION)),
-                clock=np.zeros((n, length, pose_filter.CLOCK)),
-                point=np.zeros((n, length, robots, points, pose_filter.POINT)),
-                usable=np.zeros((n, length, robots, points), dtype=np.bool_),
-                anchor=np.zeros((n, pairs, length + 1 if length > 1 else 1, pose_filter.ANCHOR)),
-                received=np.zeros((n, pairs), dtype=np.uint64),
+            sample=self._arrays["sample"],
+            depth=table["depth"],
+            settings=table["settings"],
+            guess=flat["guess"],
+            sizes=pose_filter.Sizes(length=length, robots=robots, points=points, pairs=pairs),
+            filter=pose_filter.Tables(
+                motion=table["motion"],
+                clock=table["clock"],
+                point=table["point"],
+                usable=flat["usable"],
+                anchor=table["anchor"],
+                received=self._arrays["received"],
             ),
         )
         v_sd, w_sd = config.odometry_noise
@@ -58,6 +75,8 @@ class Cascade:
             process=config.process_sd**2,
             var_v=v_sd**2,
             var_w=w_sd**2,
+            hold_v=config.unheard_sd[0] ** 2,
+            hold_w=config.unheard_sd[1] ** 2,
         )
         self._estimate = Estimate(
             points=np.zeros((n, robots, points, 3)),
@@ -66,19 +85,12 @@ class Cascade:
             pose=np.zeros((n, pairs, 3)),
             pose_covariance=np.zeros((n, pairs, 3, 3)),
         )
-        self._arrays: dict[str, NDArray[Any]] = {
-            "sample": self._state.sample,
-            "depth": self._state.depth,
-            "settings": self._state.settings,
-            "guess": self._state.guess,
-            **self._state.ring._asdict(),
-        }
         self._checked: Samples | None = None
 
     @property
     def gains(self) -> Float:
         """(N, R, 2) gains H [1/s] and alpha Lambda of each robot, a live view: write to it to change them."""
-        return self._state.settings[:, :, :2]
+        return self._arrays["settings"][:, :, :2]
 
     @property
     def estimate(self) -> Estimate:
@@ -87,7 +99,7 @@ class Cascade:
 
     def reset(self, prior: Prior, rows: Rows) -> None:
         """Forget everything about the environments `rows`, gains apart, and start from `prior`."""
-        n, robots, points = self._state.guess.shape
+        n, robots, points = self._arrays["guess"].shape
         _check("prior.depth", prior.depth, np.float64, (n, robots, points))
         _check("prior.pose", prior.pose, np.float64, (n, len(self._pairs), 3))
         _check("prior.pose_sd", prior.pose_sd, np.float64, (3,))
@@ -98,6 +110,7 @@ class Cascade:
                 float(prior.depth_sd),
                 prior.pose_sd,
                 self._pairs,
+                self._options,
                 self._state,
                 self._estimate,
                 rows,
@@ -129,7 +142,7 @@ class Cascade:
         self._raise(kernels.refresh(self._pairs, self._options, self._state, self._estimate, rows))
 
     def _check_samples(self, samples: Samples) -> None:
-        n, robots, points = self._state.guess.shape
+        n, robots, points = self._arrays["guess"].shape
         k = samples.period.shape[-1]
         _check("samples.period", samples.period, np.float64, (n, k))
         _check("samples.odometry", samples.odometry, np.float32, (n, k, robots, 3))
@@ -142,7 +155,7 @@ class Cascade:
         if status == kernels.ROW_OUT_OF_RANGE:
             raise IndexError(f"Argument `rows` must lie in [0, {len(self._state.sample)}), but does not.")
         if status == kernels.MESSAGE_TOO_OLD:
-            window = self._state.ring.motion.shape[1]
+            window = self._state.sizes.length
             raise ValueError(
                 f"Argument `samples.arrived` must have ages below the message window, {window} samples, but has older."
             )

@@ -68,6 +68,8 @@ class CascadeConfig(EstimatorOptions):
     """[-] standard deviation of normalised image coordinates."""
     odometry_noise: tuple[NonNegativeFloat, NonNegativeFloat] = (0.01, 0.01)
     """[m/s, rad/s] standard deviation of the odometry of one sample: each speed, yaw rate."""
+    unheard_sd: tuple[NonNegativeFloat, NonNegativeFloat] = (0.1, 0.2)
+    """[m/s, rad/s] how far the other robot's velocity may be from the last one heard while no message comes."""
     max_gap: PositiveFloat = 0.3
     """[s] longest gap between two sights of a point that the depth observer bridges as one interval."""
 
@@ -93,7 +95,11 @@ class MapAlignmentConfig(EstimatorOptions):
     """[s] length of the sample that the odometry noise is for: a sample of length dt has `noise_period`/dt of its
     variance (1.0: the noise is given in m/√s and rad/√s). None: any sample has it, whatever its length."""
     scale_sd: tuple[NonNegativeFloat, NonNegativeFloat] = (0.0, 0.0)
-    """[-] standard deviation of the scale of speed and yaw rate, estimated per robot; (0, 0): exact, no states."""
+    """[-] standard deviation of the scales of speed and yaw rate, estimated per robot; 0: exact."""
+    camera_yaw_sd: NonNegativeFloat = 0.0
+    """[rad] standard deviation of the camera's yaw in the body, estimated per robot; 0: straight ahead."""
+    camera_delay_sd: NonNegativeFloat = 0.0
+    """[s] standard deviation of the delay of images behind the odometry, estimated per robot; 0: none."""
 
     inverse_range_prior: tuple[PositiveFloat, PositiveFloat] | None = None
     """[1/m] mean and standard deviation of a point's inverse range at first sight, in place of the depth prior."""

@@ -7,16 +7,16 @@ of the ring whose message has come, and one before the ring. When a message come
 anchor before it, and takes in that message and every later one that is there, in order. Between two anchors both
 robots' displacements are differences of their dead reckoning, however many messages are missing.
 
-All arrays have the environment as their first axis. Rows of the arrays:
+The arrays are tables: rows of numbers, one row per element of the leading axes (row-major), for P pairs:
 
-- `motion` (N, L, R, 14): dead reckoning x, y, theta, cos theta, sin theta; velocity v, l, w; covariance of the dead
+- `motion` (N, L, R; 14): dead reckoning x, y, theta, cos theta, sin theta; velocity v, l, w; covariance of the dead
   reckoning, carried in the frame where it began (upper triangle), so that the difference of two is what the motion
   between them added.
-- `clock` (N, L, 2): time since the start, and the number of samples since then over which time passed.
-- `point` (N, L, R, M, 5): q_x, q_y and its covariance xx, xy, yy, in the body frame; `usable` (N, L, R, M): bool.
-- `anchor` (N, P, L + 1, 36), (N, P, 1, 36) if L is 1: xi, its covariance; time and sample count; dead reckoning of A
-  (5), of B (5); velocity of B; covariance of the dead reckoning of A (6), of B (6). The last row is the anchor
-  before the ring.
+- `clock` (N, L; 2): time since the start, and the number of samples since then over which time passed.
+- `point` (N, L, R, M; 5): q_x, q_y and its covariance xx, xy, yy, in the body frame; `usable` (N, L, R, M): bool.
+- `anchor` (N, P, L + 1; 36), (N, P, 1; 36) if L is 1: xi, its covariance; time and sample count; dead reckoning of A
+  (5), of B (5); velocity of B; covariance of the dead reckoning of A (6), of B (6). The last row of a pair is the
+  anchor before the ring.
 - `received` (N, P): bit j tells whether the message of age j has been taken in.
 """
 
@@ -52,10 +52,31 @@ class FilterOptions(NamedTuple):
     """[m²/s²] variance of a sample's measured speed."""
     var_w: float
     """[rad²/s²] variance of a sample's measured yaw rate."""
+    hold_v: float
+    """[m²/s²] variance of the difference between B's speed and the last one heard, while no message comes."""
+    hold_w: float
+    """[rad²/s²] the same for its yaw rate."""
 
 
-class Ring(NamedTuple):
-    """Arrays of the filter; see the top of this file."""
+class Sizes(NamedTuple):
+    """Sizes that the tables do not show."""
+
+    length: int
+    """L, of the ring."""
+    robots: int
+    """R"""
+    points: int
+    """M"""
+    pairs: int
+    """P"""
+
+
+class Tables(NamedTuple):
+    """Tables of the filter; see the top of this file.
+
+    Kernels that run once per sample take them one by one: taking an array out of a tuple counts references, which
+    costs as much as a good part of an update.
+    """
 
     motion: np.ndarray
     clock: np.ndarray
@@ -66,209 +87,238 @@ class Ring(NamedTuple):
 
 
 @kernel
-def start(e, prior, sd, ring):
-    """Start environment `e` of `ring` from the prior poses (N, P, 3) with standard deviations sd (3,)."""
-    ring.motion[e] = 0.0
-    ring.motion[e, :, :, 3] = 1.0
-    ring.clock[e] = 0.0
-    ring.point[e] = 0.0
-    ring.usable[e] = False
-    ring.received[e] = 0
-    ring.anchor[e] = 0.0
-    base = ring.anchor.shape[2] - 1
-    for p in range(ring.anchor.shape[1]):
-        for i in range(3):
-            ring.anchor[e, p, base, i] = prior[e, p, i]
-        ring.anchor[e, p, base, 3] = sd[0] * sd[0]
-        ring.anchor[e, p, base, 6] = sd[1] * sd[1]
-        ring.anchor[e, p, base, 8] = sd[2] * sd[2]
-        ring.anchor[e, p, base, _OWN + 3] = 1.0
-        ring.anchor[e, p, base, _OTHER + 3] = 1.0
+def first_anchor(e, p, sizes):
+    """Index of the anchor in row 0 of the ring, of pair `p` of environment `e`; that before the ring is L later."""
+    return (e * sizes.pairs + p) * (sizes.length + 1 if sizes.length > 1 else 1)
 
 
 @kernel
-def move(old, new, v, lateral, w, dt, c_x, c_y, delta, cos_d, sin_d, options):
+def start(e, prior, sd, sizes, tables):
+    """Start environment `e` from the prior poses (N, P, 3) with standard deviations sd (3,)."""
+    length = sizes.length
+    per = length * sizes.robots
+    tables.motion[e * per : (e + 1) * per] = 0.0
+    tables.motion[e * per : (e + 1) * per, 3] = 1.0
+    tables.clock[e * length : (e + 1) * length] = 0.0
+    per *= sizes.points
+    tables.point[e * per : (e + 1) * per] = 0.0
+    tables.usable[e * per : (e + 1) * per] = False
+    tables.received[e] = 0
+    for p in range(sizes.pairs):
+        first = first_anchor(e, p, sizes)
+        base = first + length if length > 1 else first
+        anchor = tables.anchor
+        anchor[first : base + 1] = 0.0
+        for i in range(3):
+            anchor[base, i] = prior[e, p, i]
+        anchor[base, 3], anchor[base, 6], anchor[base, 8] = sd[0] ** 2, sd[1] ** 2, sd[2] ** 2
+        anchor[base, _OWN + 3] = 1.0
+        anchor[base, _OTHER + 3] = 1.0
+
+
+@kernel
+def move(motion, old, new, v, lateral, w, dt, c_x, c_y, delta, cos_d, sin_d, options):
     """Carry the dead reckoning of a robot over one sample.
 
     Args:
-        old, new: (14,) rows of `motion` before and after; may be the same.
+        motion: table; old, new: its rows before and after, may be the same.
         v, lateral, w: [m/s, m/s, rad/s] measured velocity.
         dt: [s] length of the interval.
         c_x, c_y, delta, cos_d, sin_d: its arc: chord [m], turn [rad], cosine and sine of the turn.
         options: FilterOptions.
     """
-    theta, cos, sin = old[2], old[3], old[4]
-    x, y = old[0] + cos * c_x - sin * c_y, old[1] + sin * c_x + cos * c_y
+    theta, cos, sin = motion[old, 2], motion[old, 3], motion[old, 4]
+    x, y = motion[old, 0] + cos * c_x - sin * c_y, motion[old, 1] + sin * c_x + cos * c_y
     cos, sin = cos * cos_d - sin * sin_d, sin * cos_d + cos * sin_d
     unit = 1.5 - 0.5 * (cos * cos + sin * sin)
     cos, sin = cos * unit, sin * unit
-    new[0], new[1], new[2], new[3], new[4] = x, y, theta + delta, cos, sin
-    new[5], new[6], new[7] = v, lateral, w
+    motion[new, 0], motion[new, 1], motion[new, 2], motion[new, 3], motion[new, 4] = x, y, theta + delta, cos, sin
+    motion[new, 5], motion[new, 6], motion[new, 7] = v, lateral, w
     if options.from_odometry:
         a_x, a_y, b_x, b_y = rp.arc_jacobian(v, lateral, w, dt)
         # from the body frame at the end to the frame where dead reckoning began: e = [[R, -J p], [0, 1]] n
         a_x, a_y = cos * a_x - sin * a_y, sin * a_x + cos * a_y
         b_x, b_y = cos * b_x - sin * b_y + dt * y, sin * b_x + cos * b_y - dt * x
         nxx, nxy, nxt, nyy, nyt, ntt = rp.displacement_noise(a_x, a_y, b_x, b_y, dt, options.var_v, options.var_w)
-        new[8], new[9], new[10] = old[8] + nxx, old[9] + nxy, old[10] + nxt
-        new[11], new[12], new[13] = old[11] + nyy, old[12] + nyt, old[13] + ntt
+        motion[new, 8], motion[new, 9], motion[new, 10] = (
+            motion[old, 8] + nxx,
+            motion[old, 9] + nxy,
+            motion[old, 10] + nxt,
+        )
+        motion[new, 11], motion[new, 12], motion[new, 13] = (
+            motion[old, 11] + nyy,
+            motion[old, 12] + nyt,
+            motion[old, 13] + ntt,
+        )
 
 
 @kernel
-def between(x0, y0, cos0, sin0, theta0, x1, y1, cos1, sin1, theta1):
-    """Displacement between two poses of dead reckoning: (c_x, c_y, delta, cos delta, sin delta)."""
-    d_x, d_y = x1 - x0, y1 - y0
+def between(anchor, i, first, motion, j):
+    """Displacement from the dead reckoning in row `i` of `anchor`, columns from `first` on, to row `j` of `motion`.
+
+    Returns:
+        (c_x, c_y, delta, cos, sin): [m, m, rad, -, -] chord and turn, cosine and sine of the turn.
+    """
+    d_x, d_y = motion[j, 0] - anchor[i, first], motion[j, 1] - anchor[i, first + 1]
+    cos0, sin0 = anchor[i, first + 3], anchor[i, first + 4]
+    cos1, sin1 = motion[j, 3], motion[j, 4]
     return (
         cos0 * d_x + sin0 * d_y,
         cos0 * d_y - sin0 * d_x,
-        theta1 - theta0,
+        motion[j, 2] - anchor[i, first + 2],
         cos0 * cos1 + sin0 * sin1,
         cos0 * sin1 - sin0 * cos1,
     )
 
 
 @kernel
-def held_noise(c_x, c_y, cos_h, sin_h, dt, steps, var_v, var_w):
-    """Noise of a displacement over `steps` samples of equal velocity, in the body frame at its start.
+def added_noise(anchor, i, first, motion, j):
+    """What the motion from row `i` of `anchor` to row `j` of `motion` added to the covariance of dead reckoning."""
+    return (
+        motion[j, 8] - anchor[i, first],
+        motion[j, 9] - anchor[i, first + 1],
+        motion[j, 10] - anchor[i, first + 2],
+        motion[j, 11] - anchor[i, first + 3],
+        motion[j, 12] - anchor[i, first + 4],
+        motion[j, 13] - anchor[i, first + 5],
+    )
 
-    Per sample var_v forward and var_w on the turn; the path is taken as its chord, for steps -> infinity:
-    with c the chord, e_xy = n_v [cos h, sin h] - J c t n_w at t in [0, 1], summed over the path.
+
+@kernel
+def held_noise(c_x, c_y, cos_h, sin_h, dt, var_v, var_w, hold_v, hold_w):
+    """Noise of a displacement predicted with a held velocity, in the body frame at its start.
+
+    In the frame at the start a small turn at the place c t of the path (its chord, t in [0, 1]) moves the end by
+    [-J c t, 1]. White noise of the velocity and a constant error of it are summed along the path.
 
     Args:
         c_x, c_y: [m] chord.
-        cos_h, sin_h: of half the turn, the mean heading.
+        cos_h, sin_h: of half the turn: the mean heading.
         dt: [s] duration.
-        steps: number of samples.
-        var_v, var_w: [m²/s², rad²/s²] variances of one sample.
+        var_v, var_w: [m²; rad²] variances of path length and turn from the noise of single samples.
+        hold_v, hold_w: [m²/s², rad²/s²] variances of the error of the held velocity.
 
     Returns:
         (xx, xy, xt, yy, yt, tt): upper triangle.
     """
-    square = dt * dt / steps
-    along, turn = var_v * square, var_w * square
+    along = var_v + hold_v * dt * dt
+    held = hold_w * dt * dt
+    turn, lever = var_w + held, var_w / 3.0 + 0.25 * held
     return (
-        along * cos_h * cos_h + turn * c_y * c_y / 3.0,
-        along * cos_h * sin_h - turn * c_x * c_y / 3.0,
+        along * cos_h * cos_h + lever * c_y * c_y,
+        along * cos_h * sin_h - lever * c_x * c_y,
         0.5 * turn * c_y,
-        along * sin_h * sin_h + turn * c_x * c_x / 3.0,
+        along * sin_h * sin_h + lever * c_x * c_x,
         -0.5 * turn * c_x,
         turn,
     )
 
 
 @kernel
-def leap(anchor, own, other, held, time, steps, options):
+def leap(anchor, i, motion, own, other, held, time, steps, options):
     """Predict from an anchor to a sample of the ring: pose and covariance there.
 
     Args:
-        anchor: (36,) row of `anchor` to start from.
-        own, other: (14,) rows of `motion` of A and of B at the sample.
+        anchor, i: table, and its row to start from.
+        motion, own, other: table, and its rows of A and of B at the sample.
         held: whether B's motion up to the sample is unknown: its last known velocity is held, `other` is not read.
-        time: [s] of the sample.
-        steps: count of the sample.
+        time, steps: [s] and count of the sample (see `clock`).
         options: FilterOptions.
 
     Returns:
         (r_x, r_y, theta, cos, sin, pxx, pxy, pxt, pyy, pyt, ptt): cos and sin of the predicted theta.
     """
-    c_ax, c_ay, delta_a, cos_a, sin_a = between(
-        anchor[11], anchor[12], anchor[14], anchor[15], anchor[13], own[0], own[1], own[3], own[4], own[2]
-    )
+    dt, steps = time - anchor[i, _TIME], steps - anchor[i, _STEPS]
+    c_ax, c_ay, delta_a, cos_a, sin_a = between(anchor, i, _OWN, motion, own)
     if held:
-        dt = time - anchor[_TIME]
-        c_bx, c_by, delta_b = arc(anchor[_SPEED], anchor[_SPEED + 1], anchor[_SPEED + 2], dt)
+        c_bx, c_by, delta_b = arc(anchor[i, _SPEED], anchor[i, _SPEED + 1], anchor[i, _SPEED + 2], dt)
         cos_b, sin_b = math.cos(delta_b), math.sin(delta_b)
     else:
-        c_bx, c_by, delta_b, cos_b, sin_b = between(
-            anchor[16], anchor[17], anchor[19], anchor[20], anchor[18], other[0], other[1], other[3], other[4], other[2]
-        )
-    cos_t, sin_t = math.cos(anchor[2]), math.sin(anchor[2])
+        c_bx, c_by, delta_b, cos_b, sin_b = between(anchor, i, _OTHER, motion, other)
+    cos_t, sin_t = math.cos(anchor[i, 2]), math.sin(anchor[i, 2])
     r_x, r_y, theta, d_x, d_y = rp.predict_rotated(
-        anchor[0], anchor[1], anchor[2], cos_t, sin_t, c_ax, c_ay, delta_a, cos_a, sin_a, c_bx, c_by, delta_b
+        anchor[i, 0], anchor[i, 1], anchor[i, 2], cos_t, sin_t, c_ax, c_ay, delta_a, cos_a, sin_a, c_bx, c_by, delta_b
     )
     pxx, pxy, pxt, pyy, pyt, ptt = rp.propagate(
-        cos_a, sin_a, -d_y, d_x, anchor[3], anchor[4], anchor[5], anchor[6], anchor[7], anchor[8]
+        cos_a, sin_a, -d_y, d_x, anchor[i, 3], anchor[i, 4], anchor[i, 5], anchor[i, 6], anchor[i, 7], anchor[i, 8]
     )
-    turn_x, turn_y = cos_a * cos_b + sin_a * sin_b, cos_a * sin_b - sin_a * cos_b
-    cos, sin = cos_t * turn_x - sin_t * turn_y, sin_t * turn_x + cos_t * turn_y
+    cos_d, sin_d = cos_a * cos_b + sin_a * sin_b, cos_a * sin_b - sin_a * cos_b
+    cos, sin = cos_t * cos_d - sin_t * sin_d, sin_t * cos_d + cos_t * sin_d
     if options.from_odometry:
-        axx, axy, axt, ayy, ayt, att = rp.noise_of_a(
-            r_x, r_y, own[0], own[1], own[3], own[4],
-            own[8] - anchor[24], own[9] - anchor[25], own[10] - anchor[26],
-            own[11] - anchor[27], own[12] - anchor[28], own[13] - anchor[29],
-        )  # fmt: skip
+        n = added_noise(anchor, i, _OWN_NOISE, motion, own)
+        n = rp.noise_of_a(r_x, r_y, motion[own, 0], motion[own, 1], motion[own, 3], motion[own, 4], *n)
+        pxx, pxy, pxt, pyy, pyt, ptt = pxx + n[0], pxy + n[1], pxt + n[2], pyy + n[3], pyt + n[4], ptt + n[5]
         if not held:
-            bxx, bxy, bxt, byy, byt, btt = rp.noise_of_b(
-                cos, sin, other[0], other[1], other[3], other[4],
-                other[8] - anchor[30], other[9] - anchor[31], other[10] - anchor[32],
-                other[11] - anchor[33], other[12] - anchor[34], other[13] - anchor[35],
-            )  # fmt: skip
-        elif steps > anchor[_STEPS]:
-            nxx, nxy, nxt, nyy, nyt, ntt = held_noise(
-                c_bx, c_by, math.cos(0.5 * delta_b), math.sin(0.5 * delta_b),
-                dt, steps - anchor[_STEPS], options.var_v, options.var_w,
-            )  # fmt: skip
-            bxx, bxy, bxt, byy, byt, btt = rp.noise_of_b(
-                cos, sin, c_bx, c_by, cos_b, sin_b, nxx, nxy, nxt, nyy, nyt, ntt
-            )
-        else:
-            bxx, bxy, bxt, byy, byt, btt = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-        pxx, pxy, pxt, pyy, pyt, ptt = (
-            pxx + axx + bxx, pxy + axy + bxy, pxt + axt + bxt, pyy + ayy + byy, pyt + ayt + byt, ptt + att + btt
-        )  # fmt: skip
+            n = added_noise(anchor, i, _OTHER_NOISE, motion, other)
+            x, y, cos_o, sin_o = motion[other, 0], motion[other, 1], motion[other, 3], motion[other, 4]
+            n = rp.noise_of_b(cos, sin, x, y, cos_o, sin_o, *n)
+            pxx, pxy, pxt, pyy, pyt, ptt = pxx + n[0], pxy + n[1], pxt + n[2], pyy + n[3], pyt + n[4], ptt + n[5]
     else:
-        noise = options.process * (steps - anchor[_STEPS])
+        noise = options.process * steps
         pxx, pyy, ptt = pxx + noise, pyy + noise, ptt + noise
+    if held:
+        square = dt * dt / steps if options.from_odometry and steps > 0.0 else 0.0
+        cos_h, sin_h = math.cos(0.5 * delta_b), math.sin(0.5 * delta_b)
+        var_v, var_w = options.var_v * square, options.var_w * square
+        n = held_noise(c_bx, c_by, cos_h, sin_h, dt, var_v, var_w, options.hold_v, options.hold_w)
+        n = rp.noise_of_b(cos, sin, c_bx, c_by, cos_b, sin_b, *n)
+        pxx, pxy, pxt, pyy, pyt, ptt = pxx + n[0], pxy + n[1], pxt + n[2], pyy + n[3], pyt + n[4], ptt + n[5]
     return r_x, r_y, theta, cos, sin, pxx, pxy, pxt, pyy, pyt, ptt
 
 
 @kernel
-def fuse(e, p, a, b, source, row, time, steps, options, ring):
-    """Predict from anchor `source` to the sample in `row` of the ring, take B's message of it in, store the anchor.
+def fuse(e, a, b, source, target, row, options, sizes, motion, clock, point, usable, anchor):
+    """Predict from one anchor to a sample of the ring, take B's message of that sample in, store the anchor there.
 
     Args:
-        e, p, a, b: environment, pair, its observer and its observed robot.
-        source: row of the anchor to start from.
-        row: row of the ring, and of the anchor that is written (0 where the ring has length 1).
-        time, steps: [s] and count of the sample.
+        e, a, b: environment, the pair's observer and its observed robot.
+        source: index of the anchor to start from.
+        target: index of the anchor to write; may be `source`.
+        row: row of the ring, of the sample.
         options: FilterOptions.
-        ring: arrays of the filter.
+        sizes, motion, clock, point, usable, anchor: see `Sizes` and `Tables`.
     """
-    own, other, anchor = ring.motion[e, row, a], ring.motion[e, row, b], ring.anchor[e, p, row]
+    at = e * sizes.length + row
+    own, other = at * sizes.robots + a, at * sizes.robots + b
+    time, steps = clock[at, 0], clock[at, 1]
     r_x, r_y, theta, cos, sin, pxx, pxy, pxt, pyy, pyt, ptt = leap(
-        ring.anchor[e, p, source], own, other, False, time, steps, options
+        anchor, source, motion, own, other, False, time, steps, options
     )
+    w_a, s_ax, s_ay, s_bx, s_by = motion[own, 7], motion[own, 5], motion[own, 6], motion[other, 5], motion[other, 6]
     rxx, rxy, ryy = options.variance, 0.0, options.variance
-    for m in range(ring.point.shape[3]):
-        if ring.usable[e, row, a, m] and ring.usable[e, row, b, m]:
-            q_a, q_b = ring.point[e, row, a, m], ring.point[e, row, b, m]
+    for m in range(sizes.points):
+        i, j = own * sizes.points + m, other * sizes.points + m
+        if usable[i] and usable[j]:
             y_0, y_1, h_0x, h_0y, h_0t, h_1x, h_1y, h_1t = rp.observe(
-                options.model, r_x, r_y, cos, sin, q_a[0], q_a[1], q_b[0], q_b[1],
-                own[5], own[6], own[7], other[5], other[6],
+                options.model, r_x, r_y, cos, sin, point[i, 0], point[i, 1], point[j, 0], point[j, 1],
+                s_ax, s_ay, w_a, s_bx, s_by,
             )  # fmt: skip
             if options.from_depth:
                 rxx, rxy, ryy = rp.observe_covariance(
-                    options.model, cos, sin, own[7], q_a[2], q_a[3], q_a[4], q_b[2], q_b[3], q_b[4], options.variance
-                )
+                    options.model, cos, sin, w_a, point[i, 2], point[i, 3], point[i, 4],
+                    point[j, 2], point[j, 3], point[j, 4], options.variance,
+                )  # fmt: skip
             r_x, r_y, theta, pxx, pxy, pxt, pyy, pyt, ptt = rp.correct(
                 r_x, r_y, theta, pxx, pxy, pxt, pyy, pyt, ptt,
                 y_0, y_1, h_0x, h_0y, h_0t, h_1x, h_1y, h_1t, rxx, rxy, ryy,
             )  # fmt: skip
             cos, sin = math.cos(theta), math.sin(theta)
-    anchor[0], anchor[1], anchor[2] = r_x, r_y, theta
-    anchor[3], anchor[4], anchor[5], anchor[6], anchor[7], anchor[8] = pxx, pxy, pxt, pyy, pyt, ptt
-    anchor[_TIME], anchor[_STEPS] = time, steps
+    anchor[target, 0], anchor[target, 1], anchor[target, 2] = r_x, r_y, theta
+    anchor[target, 3], anchor[target, 4], anchor[target, 5] = pxx, pxy, pxt
+    anchor[target, 6], anchor[target, 7], anchor[target, 8] = pyy, pyt, ptt
+    anchor[target, _TIME], anchor[target, _STEPS] = time, steps
     for i in range(5):
-        anchor[_OWN + i], anchor[_OTHER + i] = own[i], other[i]
+        anchor[target, _OWN + i], anchor[target, _OTHER + i] = motion[own, i], motion[other, i]
     for i in range(3):
-        anchor[_SPEED + i] = other[5 + i]
+        anchor[target, _SPEED + i] = motion[other, 5 + i]
     if options.from_odometry:
         for i in range(6):
-            anchor[_OWN_NOISE + i], anchor[_OTHER_NOISE + i] = own[8 + i], other[8 + i]
+            anchor[target, _OWN_NOISE + i] = motion[own, 8 + i]
+            anchor[target, _OTHER_NOISE + i] = motion[other, 8 + i]
 
 
 @kernel
-def listen(e, p, a, b, sample, arrived, options, ring):
+def listen(e, p, a, b, sample, arrived, options, sizes, motion, clock, point, usable, anchor, received):
     """Take in the messages that reach the observer of pair `p` at sample `sample` (counted from 0).
 
     Args:
@@ -277,14 +327,15 @@ def listen(e, p, a, b, sample, arrived, options, ring):
         arrived: bit j is set where the message of age j reaches the observer now. Ages beyond the ring, or before the
             first sample, are ignored.
         options: FilterOptions.
-        ring: arrays of the filter.
+        sizes, motion, clock, point, usable, anchor, received: see `Sizes` and `Tables`.
     """
-    length = ring.motion.shape[1]
-    base = ring.anchor.shape[2] - 1
-    one, got = np.uint64(1), ring.received[e, p]
+    length, first = sizes.length, first_anchor(e, p, sizes)
+    base = first + length if length > 1 else first
+    one, got = np.uint64(1), received[e, p]
     window = np.uint64(0xFFFFFFFFFFFFFFFF) >> np.uint64(64 - min(length, sample + 1))
     if length > 1 and (got >> np.uint64(length - 1)) & one:
-        ring.anchor[e, p, base] = ring.anchor[e, p, sample % length]
+        for i in range(ANCHOR):
+            anchor[base, i] = anchor[first + sample % length, i]
     got = (got << one) & window
     new = arrived & window & ~got
     if new:
@@ -294,32 +345,34 @@ def listen(e, p, a, b, sample, arrived, options, ring):
         source = base
         for age in range(oldest + 1, length):
             if (got >> np.uint64(age)) & one:
-                source = (sample - age) % length
+                source = first + (sample - age) % length
                 break
         got |= new
         for age in range(oldest, -1, -1):
             if (got >> np.uint64(age)) & one:
                 row = (sample - age) % length
-                fuse(e, p, a, b, source, row, ring.clock[e, row, 0], ring.clock[e, row, 1], options, ring)
-                source = row
-    ring.received[e, p] = got
+                fuse(e, a, b, source, first + row, row, options, sizes, motion, clock, point, usable, anchor)
+                source = first + row
+    received[e, p] = got
 
 
 @kernel
-def present(e, p, a, b, sample, options, ring):
+def present(e, p, a, b, sample, options, sizes, motion, clock, anchor, received):
     """Pose of pair `p` at sample `sample`, predicted from the newest anchor: (xi (3), its covariance (6))."""
-    length = ring.motion.shape[1]
-    source, got = ring.anchor.shape[2] - 1, ring.received[e, p]
+    length, first, got = sizes.length, first_anchor(e, p, sizes), received[e, p]
+    j = first + length if length > 1 else first
     for age in range(length):
         if (got >> np.uint64(age)) & np.uint64(1):
-            source = (sample - age) % length
+            j = first + (sample - age) % length
             break
-    row = sample % length
-    anchor = ring.anchor[e, p, source]
     if sample < 0 or (got & np.uint64(1)):
-        return anchor[0], anchor[1], anchor[2], anchor[3], anchor[4], anchor[5], anchor[6], anchor[7], anchor[8]
-    own, other = ring.motion[e, row, a], ring.motion[e, row, b]
+        return (
+            anchor[j, 0], anchor[j, 1], anchor[j, 2],
+            anchor[j, 3], anchor[j, 4], anchor[j, 5], anchor[j, 6], anchor[j, 7], anchor[j, 8],
+        )  # fmt: skip
+    at = e * length + sample % length
     r_x, r_y, theta, _, _, pxx, pxy, pxt, pyy, pyt, ptt = leap(
-        anchor, own, other, True, ring.clock[e, row, 0], ring.clock[e, row, 1], options
-    )
+        anchor, j, motion, at * sizes.robots + a, at * sizes.robots + b, True,
+        clock[at, 0], clock[at, 1], options,
+    )  # fmt: skip
     return r_x, r_y, theta, pxx, pxy, pxt, pyy, pyt, ptt

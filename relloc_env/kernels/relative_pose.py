@@ -205,10 +205,10 @@ def observe(model, r_x, r_y, cos, sin, q_ax, q_ay, q_bx, q_by, v_a, l_a, w_a, v_
 @kernel
 def observe_value(model, r_x, r_y, cos, sin, q_ax, q_ay, v_a, l_a, w_a, v_b, l_b):
     """Value h(xi) of an observation model; arguments as for `observe`. Returns (h_0, h_1)."""
-    y_0, y_1, *_ = observe(model, r_x, r_y, cos, sin, q_ax, q_ay, 0.0, 0.0, v_a, l_a, w_a, v_b, l_b)
+    y = observe(model, r_x, r_y, cos, sin, q_ax, q_ay, 0.0, 0.0, v_a, l_a, w_a, v_b, l_b)
     if model == POSITION:
-        return -y_0, -y_1
-    return -v_b - y_0, -l_b - y_1
+        return -y[0], -y[1]
+    return -v_b - y[0], -l_b - y[1]
 
 
 @kernel
