@@ -27,9 +27,16 @@ SCENARIOS: dict[str, dict[str, Any]] = {
     },
     "paper-simulation": _PAPER
     | {
-        "poses": [(0.0, 0.0, 0.0), (0.0, -1.0, math.radians(15.0))],
+        "poses": [(0.0, 0.0, 0.0), (-0.5, 1.5, math.radians(-10.0))],
         "points": [(5.0, 0.0, 0.3), (5.0, -5.0, -4.7)],
         "guess": {"kind": "positive", "depth": 1.0, "position": 1.5, "heading": 15.0},
+    },
+    "paper-experiment": _PAPER
+    | {
+        "camera": {"width": 640, "height": 480, "field_of_view": 80.0, "pixel_noise": 0.0},
+        "poses": [(0.0, 0.0, 0.0), (2.3, -2.3, math.radians(91.0))],
+        "points": [(8.5, 6.1, 1.5), (6.2, 4.0, 1.9)],
+        "guess": {"kind": "positive", "depth": 1.0, "position": 1.5, "heading": 60.0},
     },
 }
 """Options over the defaults, by name; plain data."""
