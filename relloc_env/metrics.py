@@ -207,9 +207,9 @@ def trajectory_bound(
     visible: Bool,
     camera_heights: Float,
     *,
-    image_sd: float,
-    speed_sd: float,
-    turn_sd: float,
+    image_sd: ArrayLike,
+    speed_sd: ArrayLike,
+    turn_sd: ArrayLike,
     depth_sd: ArrayLike = 1.0,
     pose_sd: ArrayLike = (1.5, 1.5, math.pi / 3.0),
     height_sd: float | None = None,
@@ -225,8 +225,8 @@ def trajectory_bound(
         velocity: [m/s, m/s, rad/s] (T, R, 3) true forward, lateral and yaw rate over that interval.
         visible: (T, R, M) whether the robot has the image of the point in the sample.
         camera_heights: [m] (R,) of the cameras, {W}.
-        image_sd: [-] noise of each normalised image coordinate.
-        speed_sd, turn_sd: [m/s, rad/s] odometry noise of each sample.
+        image_sd: [-] noise of each normalised image coordinate, of each robot (R,) or of all.
+        speed_sd, turn_sd: [m/s, rad/s] odometry noise of each sample, likewise.
         depth_sd: [m] guess of a depth at first sight, of each robot (R,) or of all; inf: none.
         pose_sd: [m, m, rad] (3,) prior of each other robot's pose in the frame of the first.
         height_sd: [m] prior of each difference of camera heights; None: known exactly.
@@ -237,13 +237,16 @@ def trajectory_bound(
     pairs = ordered_pairs(robots)
     size = 3 * (count + robots - 1) + (0 if height_sd is None else robots - 1)
     covariance, work, sighted = np.zeros((size, size)), np.zeros((2, size)), np.zeros((robots, count), dtype=np.bool_)
-    guesses = np.ascontiguousarray(np.broadcast_to(np.asarray(depth_sd, dtype=np.float64), robots))
+    guesses, image, speed, turn = (
+        np.ascontiguousarray(np.broadcast_to(np.asarray(sd, dtype=np.float64), robots))
+        for sd in (depth_sd, image_sd, speed_sd, turn_sd)
+    )
     prior: NDArray[np.float64] = np.asarray(pose_sd, dtype=np.float64)
     bound_reset(covariance, sighted, poses[0], prior, height_sd or 0.0, unseen_sd)
     result = TrajectoryBound(np.zeros((samples, len(pairs), 3, 3)), np.zeros((samples, robots, count, 3, 3)))
     for s in range(samples):
         here = (poses[s], points, camera_heights, visible[s], velocity[s], period[s])
-        bound_step(covariance, work, sighted, *here, speed_sd, turn_sd, image_sd, guesses, vertical)
+        bound_step(covariance, work, sighted, *here, speed, turn, image, guesses, vertical)
         for p, (a, b) in enumerate(pairs):
             pose_covariance(covariance, count, poses[s], a, b, result.pose[s, p])
         for robot in range(robots):

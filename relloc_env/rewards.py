@@ -137,7 +137,7 @@ def _measure(score, world, truth, known, work, n, k):
         world.points[n],
         known.camera_heights,
         truth.visible[n, k],
-        known.image_sd[0],
+        known.image_sd,
         known.depth_sd,
         True,
     )
@@ -221,8 +221,8 @@ def score_action(
                 world.points[n],
                 truth.velocity[n, k],
                 dt,
-                known.speed_sd[0],
-                known.turn_sd[0],
+                known.speed_sd,
+                known.turn_sd,
             )
             _measure(score, world, truth, known, work, n, k)
         pose_before = score.pose_information[n]

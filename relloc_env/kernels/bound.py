@@ -84,14 +84,14 @@ def bound_move(covariance, work, poses, points, velocity, dt, speed_sd, turn_sd)
         points: [m] (M, 3) true points, {W}.
         velocity: [m/s, m/s, rad/s] (R, 3) true forward, lateral (left) and yaw rate over the sample.
         dt: [s] length of the sample.
-        speed_sd, turn_sd: [m/s, rad/s] noise of the odometry of each sample.
+        speed_sd, turn_sd: [m/s, rad/s] (R,) noise of the odometry of each sample.
     """
     count, robots = points.shape[0], poses.shape[0]
-    turn = turn_sd * dt
     for k in range(robots):
+        turn = turn_sd[k] * dt
         v_x, v_y, w_x, w_y = _arc_noise(poses[k, 2], velocity[k, 0], velocity[k, 1], velocity[k, 2], dt)
-        v_x, v_y = speed_sd * v_x, speed_sd * v_y
-        w_x, w_y = turn_sd * w_x + turn * poses[k, 1], turn_sd * w_y - turn * poses[k, 0]
+        v_x, v_y = speed_sd[k] * v_x, speed_sd[k] * v_y
+        w_x, w_y = turn_sd[k] * w_x + turn * poses[k, 1], turn_sd[k] * w_y - turn * poses[k, 0]
         begin = 0 if k == 0 else 3 * (count + k - 1)
         end = 3 * (count + robots - 1) if k == 0 else begin + 3
         for i in range(begin, end, 3):
@@ -178,13 +178,13 @@ def bound_measure(covariance, work, sighted, poses, points, camera_heights, visi
         points: [m] (M, 3) true points, {W}.
         camera_heights: [m] (R,) of the cameras, {W}.
         visible: (R, M) whether the robot has the image of the point in this sample; the point is then ahead of it.
-        image_sd: [-] noise of each image coordinate.
+        image_sd: [-] (R,) noise of each image coordinate.
         depth_sd: [m] (R,) of each robot's guess of a depth at first sight; infinite: none.
         vertical: whether the image has its second coordinate.
     """
     count, robots = points.shape[0], poses.shape[0]
-    variance = image_sd * image_sd
     for k in range(robots):
+        variance = image_sd[k] * image_sd[k]
         cos, sin = math.cos(poses[k, 2]), math.sin(poses[k, 2])
         t, d = indices(covariance, robots, count, k)
         for i in range(count):

