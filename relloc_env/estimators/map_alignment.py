@@ -8,8 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from relloc_env.estimators.config import MapAlignmentConfig
+from relloc_env.kernels.local_map import CALIBRATION
 from relloc_env.kernels.map_alignment import Maps, Options, Pairs, scratch, take_samples
 from relloc_env.samples import Estimate, Prior, Rows, Samples, ordered_pairs
+
+NOMINAL = np.array([1.0, 1.0, 0.0, 0.0])
+"""Calibration of a robot as built: scales 1, camera straight ahead, no delay."""
 
 
 class MapAlignment:
@@ -34,8 +38,9 @@ class MapAlignment:
         self._heights = np.array(heights)
         self._ends = ordered_pairs(robots)
         self._options = _options(config)
-        self._scales = config.scale_sd != (0.0, 0.0)
-        size = 3 * points + 2 * self._scales
+        self._calibration_sd = (*config.scale_sd, config.camera_yaw_sd, config.camera_delay_sd)
+        self._first = 3 * points
+        size = 3 * points + (CALIBRATION if any(self._calibration_sd) else 0)
         n, w, r, m, p = num_envs, message_window, robots, points, len(self._ends)
         self._maps = Maps(
             state=np.zeros((n, w, r, size)),
@@ -79,9 +84,9 @@ class MapAlignment:
         for array in (*self._maps, *self._pairs):
             array[rows] = 0
         maps, pairs = self._maps, self._pairs
-        if self._scales:
-            maps.state[rows, ..., -2:] = 1.0
-            for index, sd in zip((-2, -1), self.config.scale_sd, strict=True):
+        if any(self._calibration_sd):
+            maps.state[rows, ..., self._first :] = NOMINAL
+            for index, sd in enumerate(self._calibration_sd, start=self._first):
                 maps.covariance[rows, ..., index, index] = sd * sd
         maps.depth[rows] = prior.depth[rows]
         maps.depth_sd[rows] = prior.depth_sd
@@ -126,13 +131,13 @@ class MapAlignment:
         return self._pairs.aligned
 
     @property
-    def scales(self) -> NDArray[np.float64]:
-        """(N, R, 2) estimated scale of speed and yaw rate; 1 where they are taken as exact."""
+    def calibration(self) -> NDArray[np.float64]:
+        """(N, R, 4) estimated scales of speed and yaw rate, camera yaw [rad], camera delay [s]; a copy."""
         maps = self._maps
         n, _, r, _ = maps.state.shape
-        if not self._scales:
-            return np.ones((n, r, 2))
-        return np.array(maps.state[np.arange(n), maps.cursor, :, -2:])
+        if not any(self._calibration_sd):
+            return np.broadcast_to(NOMINAL, (n, r, CALIBRATION)).copy()
+        return maps.state[np.arange(n), maps.cursor, :, self._first :].copy()
 
     def get_state(self, rows: Rows) -> dict[str, NDArray[Any]]:
         """Copies of all that the estimator remembers of `rows`."""

@@ -1,9 +1,10 @@
 """The joint map of one robot: an extended Kalman filter over all its points, in polar coordinates.
 
 A point is (beta, eta, rho): bearing, height over horizontal range, inverse horizontal range, in the body frame; regular
-beside and behind the camera, where image coordinates are not. The state of m points is their (3 m) coordinates, then
-(k_v, k_w) where the scale of the odometry is estimated too; D = 3 m or 3 m + 2. Its full covariance keeps what the
-shared odometry noise ties together.
+beside and behind the camera, where image coordinates are not. The state of m points is their 3 m coordinates, then,
+where the robot's own calibration is estimated too, (k_v, k_w, psi, tau): the scales of speed and yaw rate, the yaw of
+the camera in the body [rad] and the delay of its images behind the odometry [s]; D = 3 m or 3 m + 4. The full
+covariance keeps what the shared odometry noise and calibration tie together.
 """
 
 import math
@@ -12,6 +13,8 @@ from relloc_env.kernels._compile import kernel
 from relloc_env.kernels.camera import to_polar
 from relloc_env.kernels.motion import arc, sinc, wrap_angle
 
+CALIBRATION = 4
+"""Numbers of a robot's calibration at the end of the state."""
 NO_HEIGHT_VARIANCE = 1.0
 """[-] variance of eta where the sensor gives bearings alone; eta is 0 there and carries nothing."""
 
@@ -103,7 +106,7 @@ def image_noise(x, y, variance):
 def map_predict(state, covariance, known, v, lateral, w, dt, var_v, var_lateral, var_w, work):
     """Move all known points of a map by the robot's motion over a step, P⁺ = F P Fᵀ + G Q Gᵀ.
 
-    Where the state ends in scales (k_v, k_w), the robot moves with (k_v v, k_v l, k_w w).
+    With a calibration in the state, the robot moves with (k_v v, k_v l, k_w w).
 
     Args:
         state: (D,) and covariance: (D, D), changed in place.
@@ -114,10 +117,11 @@ def map_predict(state, covariance, known, v, lateral, w, dt, var_v, var_lateral,
         work: (≥ D, ≥ 3) scratch.
     """
     points, size = known.shape[0], state.shape[0]
-    scales = size > 3 * points
+    first = 3 * points
+    scales = size > first
     k_v, k_w = 1.0, 1.0
     if scales:
-        k_v, k_w = state[size - 2], state[size - 1]
+        k_v, k_w = state[first], state[first + 1]
     c_x, c_y, delta = arc(k_v * v, k_v * lateral, k_w * w, dt)
     vx, vy, lx, ly, wx, wy = arc_jacobian(k_v * v, k_v * lateral, k_w * w, dt)
     sx, sy = v * vx + lateral * lx, v * vy + lateral * ly
@@ -140,7 +144,7 @@ def map_predict(state, covariance, known, v, lateral, w, dt, var_v, var_lateral,
             covariance[p + 2, j] = rb * a + rr * c
         if scales:
             for j in range(size):
-                a, b = covariance[size - 2, j], covariance[size - 1, j]
+                a, b = covariance[first, j], covariance[first + 1, j]
                 for k in range(3):
                     g_x, g_y, g_t = work[p + k, 0], work[p + k, 1], work[p + k, 2]
                     covariance[p + k, j] += (g_x * sx + g_y * sy) * a + (g_x * tx + g_y * ty + g_t * tt) * b
@@ -151,7 +155,7 @@ def map_predict(state, covariance, known, v, lateral, w, dt, var_v, var_lateral,
             covariance[j, p + 2] = rb * a + rr * c
         if scales:
             for j in range(size):
-                a, b = covariance[j, size - 2], covariance[j, size - 1]
+                a, b = covariance[j, first], covariance[j, first + 1]
                 for k in range(3):
                     g_x, g_y, g_t = work[p + k, 0], work[p + k, 1], work[p + k, 2]
                     covariance[j, p + k] += (g_x * sx + g_y * sy) * a + (g_x * tx + g_y * ty + g_t * tt) * b
@@ -186,25 +190,41 @@ def map_forget(state, covariance, known, i):
 
 
 @kernel
-def map_enter(state, covariance, known, i, x, y, variance, rho, rho_variance):
-    """Enter point i with its bearing and elevation as seen now, tied to no other point.
+def seen_bearing(state, points, beta, w):
+    """Bearing in the body frame of what the camera sees at `beta`: beta + psi - w tau by the state's calibration."""
+    first = 3 * points
+    if state.shape[0] > first:
+        return beta + state[first + 2] - w * state[first + 3]
+    return beta
+
+
+@kernel
+def map_enter(state, covariance, known, i, x, y, w, variance, rho, rho_variance):
+    """Enter point i with its bearing and elevation as seen now, tied to the others by the calibration alone.
 
     Args:
         state, covariance, known: (D,), (D, D), (m,) the map, changed in place.
         i: the point.
         x, y: [-] its image; y is NaN where only the bearing is measured.
+        w: [rad/s] yaw rate at the image.
         variance: [-] of an image coordinate.
         rho, rho_variance: [1/m, 1/m²] inverse horizontal range and its variance.
     """
-    p = 3 * i
+    p, first, size = 3 * i, 3 * known.shape[0], state.shape[0]
     map_forget(state, covariance, known, i)
     level = math.isnan(y)
     height = 0.0 if level else y
     beta, eta, _ = to_polar(x, height, 1.0)
     r_bb, r_be, r_ee = image_noise(x, height, variance)
-    state[p], state[p + 1], state[p + 2] = beta, eta, rho
-    covariance[p, p] = r_bb
-    covariance[p, p + 1] = covariance[p + 1, p] = 0.0 if level else r_be
+    if size > first:
+        for j in range(size):
+            covariance[p, j] = covariance[first + 2, j] - w * covariance[first + 3, j]
+            covariance[j, p] = covariance[p, j]
+        covariance[p, p] = covariance[p, first + 2] - w * covariance[p, first + 3]
+    state[p], state[p + 1], state[p + 2] = wrap_angle(seen_bearing(state, known.shape[0], beta, w)), eta, rho
+    covariance[p, p] += r_bb
+    if not level:
+        covariance[p, p + 1] = covariance[p + 1, p] = r_be
     covariance[p + 1, p + 1] = NO_HEIGHT_VARIANCE if level else r_ee
     covariance[p + 2, p + 2] = rho_variance
     known[i] = True
@@ -214,7 +234,7 @@ def map_enter(state, covariance, known, i, x, y, variance, rho, rho_variance):
 def depth_prior(x, depth, depth_sd):
     """(rho, its variance) of a point seen at x [-] whose depth [m] along the optical axis is guessed.
 
-    rho = cos beta/z, with standard deviation cos beta sd/z²; a wide guess is held to what 1/z can span.
+    rho = cos beta/z, with standard deviation cos beta sd/z².
     """
     cos = 1.0 / math.sqrt(1.0 + x * x)
     sd = cos * depth_sd / (depth * depth)
@@ -222,13 +242,17 @@ def depth_prior(x, depth, depth_sd):
 
 
 @kernel
-def map_correct(state, covariance, i, x, y, variance, gate, bearing_gate, work):
-    """Correct a map by the image of one of its points; beta = -atan x and eta = -y cos beta are linear in the state.
+def map_correct(state, covariance, points, i, x, y, w, variance, gate, bearing_gate, work):
+    """Correct a map by the image of one of its points, which is linear in the state.
+
+    -atan x = beta - psi + w tau (psi, tau only where the calibration is in the state),  -y cos(atan x) = eta
 
     Args:
         state, covariance: (D,), (D, D), changed in place.
+        points: m, their number.
         i: the point.
         x, y: [-] its image; y is NaN where only the bearing is measured.
+        w: [rad/s] yaw rate at the image.
         variance: [-] of an image coordinate.
         gate, bearing_gate: [-] largest normalised innovation squared that is accepted, for two measured coordinates,
             and for a bearing alone.
@@ -237,40 +261,35 @@ def map_correct(state, covariance, i, x, y, variance, gate, bearing_gate, work):
     Returns:
         (accepted, innovation squared): whether it passed the gate; if not, nothing is changed.
     """
-    size, p = state.shape[0], 3 * i
+    size, p, first = state.shape[0], 3 * i, 3 * points
     level = math.isnan(y)
-    beta, eta, _ = to_polar(x, 0.0 if level else y, 1.0)
-    r_bb, r_be, r_ee = image_noise(x, 0.0 if level else y, variance)
-    e_b = wrap_angle(beta - state[p])
-    s_bb = covariance[p, p] + r_bb
+    height = 0.0 if level else y
+    beta, eta, _ = to_polar(x, height, 1.0)
+    r_bb, r_be, r_ee = image_noise(x, height, variance)
+    for j in range(size):
+        work[j, 0], work[j, 1] = covariance[j, p], covariance[j, p + 1]
+        if size > first:
+            work[j, 0] += w * covariance[j, first + 3] - covariance[j, first + 2]
+    s_bb = work[p, 0] + r_bb
+    if size > first:
+        s_bb += w * work[first + 3, 0] - work[first + 2, 0]
+    s_be, s_ee = work[p + 1, 0] + r_be, work[p + 1, 1] + r_ee
+    e_b, e_e = wrap_angle(seen_bearing(state, points, beta, w) - state[p]), eta - state[p + 1]
     if level:
-        squared = e_b * e_b / s_bb
-        if not squared < bearing_gate:
-            return False, squared
-        inverse = 1.0 / s_bb
-        for j in range(size):
-            work[j, 0] = covariance[j, p]
-        for j in range(size):
-            gain = work[j, 0] * inverse
-            state[j] += gain * e_b
-            for k in range(size):
-                covariance[j, k] -= gain * work[k, 0]
+        # An elevation of endless variance: its gains vanish.
+        i_bb, i_be, i_ee = 1.0 / s_bb, 0.0, 0.0
     else:
-        e_e = eta - state[p + 1]
-        s_be, s_ee = covariance[p, p + 1] + r_be, covariance[p + 1, p + 1] + r_ee
         inverse = 1.0 / (s_bb * s_ee - s_be * s_be)
         i_bb, i_be, i_ee = s_ee * inverse, -s_be * inverse, s_bb * inverse
-        squared = i_bb * e_b * e_b + 2.0 * i_be * e_b * e_e + i_ee * e_e * e_e
-        if not squared < gate:
-            return False, squared
-        for j in range(size):
-            work[j, 0], work[j, 1] = covariance[j, p], covariance[j, p + 1]
-        for j in range(size):
-            gain_b = i_bb * work[j, 0] + i_be * work[j, 1]
-            gain_e = i_be * work[j, 0] + i_ee * work[j, 1]
-            state[j] += gain_b * e_b + gain_e * e_e
-            for k in range(j + 1):
-                covariance[j, k] -= gain_b * work[k, 0] + gain_e * work[k, 1]
-                covariance[k, j] = covariance[j, k]
+    squared = i_bb * e_b * e_b + 2.0 * i_be * e_b * e_e + i_ee * e_e * e_e
+    if not squared < (bearing_gate if level else gate):
+        return False, squared
+    for j in range(size):
+        gain_b = i_bb * work[j, 0] + i_be * work[j, 1]
+        gain_e = i_be * work[j, 0] + i_ee * work[j, 1]
+        state[j] += gain_b * e_b + gain_e * e_e
+        for k in range(j + 1):
+            covariance[j, k] -= gain_b * work[k, 0] + gain_e * work[k, 1]
+            covariance[k, j] = covariance[j, k]
     state[p] = wrap_angle(state[p])
     return True, squared

@@ -224,7 +224,17 @@ def observe(maps, options, n, dt, odometry, image, seen, work):
             x, y = float(image[r, i, 0]), float(image[r, i, 1])
             if known[i]:
                 accepted, _ = map_correct(
-                    state, covariance, i, x, y, options.image_variance, options.gate, options.bearing_gate, work
+                    state,
+                    covariance,
+                    points,
+                    i,
+                    x,
+                    y,
+                    w,
+                    options.image_variance,
+                    options.gate,
+                    options.bearing_gate,
+                    work,
                 )
                 if accepted:
                     maps.rejected[n, r, i] = 0
@@ -238,7 +248,7 @@ def observe(maps, options, n, dt, odometry, image, seen, work):
                 rho, rho_variance = options.rho, options.rho_variance
             else:
                 rho, rho_variance = depth_prior(x, maps.depth[n, r, i], maps.depth_sd[n])
-            map_enter(state, covariance, known, i, x, y, options.image_variance, rho, rho_variance)
+            map_enter(state, covariance, known, i, x, y, w, options.image_variance, rho, rho_variance)
             maps.rejected[n, r, i] = 0
             maps.unseen[n, r, i] = 0.0
 
@@ -247,9 +257,9 @@ def observe(maps, options, n, dt, odometry, image, seen, work):
 def scaled_motion(maps, n, slot, r):
     """(v, l, w) of a robot in one sample of the ring, by its own estimate of the odometry's scale."""
     state, motion = maps.state[n, slot, r], maps.motion[n, slot, r]
-    size = state.shape[0]
-    if size > 3 * maps.known.shape[3]:
-        k_v, k_w = state[size - 2], state[size - 1]
+    first = 3 * maps.known.shape[3]
+    if state.shape[0] > first:
+        k_v, k_w = state[first], state[first + 1]
         return k_v * motion[1], k_v * motion[2], k_w * motion[3]
     return motion[1], motion[2], motion[3]
 
