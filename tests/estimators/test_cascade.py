@@ -1,0 +1,474 @@
+"""The cascade against a plain numpy filter, with messages in order, late, out of order and lost."""
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from relloc_env.estimators import CascadeConfig, make
+from relloc_env.estimators.cascade import Cascade
+from relloc_env.kernels import camera, depth_state, motion, relative_pose
+from relloc_env.samples import Float, Prior, Samples
+
+arc: Any = motion.arc
+advance: Any = motion.advance
+relative: Any = motion.relative
+rp: Any = relative_pose
+
+PERIOD = 0.05
+POINTS = np.array([[4.0, 0.6, 0.5], [4.5, -1.0, -0.3], [5.0, 0.2, 0.8]])
+NOW = np.uint64(1)
+
+
+def rotation(theta: float) -> Float:
+    return np.array([[math.cos(theta), -math.sin(theta)], [math.sin(theta), math.cos(theta)]])
+
+
+def simulate(
+    steps: int, *, envs: int = 1, seed: int = 0, noise: float = 1.0, seen: float = 0.9
+) -> tuple[Samples, Float]:
+    """Two robots moving at random before three points: samples (K = steps + 1), and the true poses (N, K, 2, 3)."""
+    rng = np.random.default_rng(seed)
+    k = steps + 1
+    period = np.full((envs, k), PERIOD)
+    period[:, 0] = 0.0
+    speed = np.repeat(rng.uniform([0.0, 0.0, -0.1], [0.2, 0.0, 0.1], (envs, k // 10 + 1, 2, 3)), 10, axis=1)[:, :k]
+    poses, image = np.zeros((envs, k, 2, 3)), np.zeros((envs, k, 2, len(POINTS), 2), dtype=np.float32)
+    for n in range(envs):
+        pose = [(0.0, 0.8, -0.1), (0.3, -1.0, 0.3)]
+        for j in range(k):
+            pose = [advance(*pose[i], *speed[n, j, i], period[n, j]) for i in range(2)]
+            for i in range(2):
+                poses[n, j, i] = pose[i]
+                for m, (x, y, height) in enumerate(POINTS):
+                    q = relative(*pose[i], x, y, 0.0)
+                    image[n, j, i, m] = camera.project(q[0], q[1], height)[:2]
+    odometry = speed + noise * rng.normal(0.0, [0.01, 0.0, 0.01], speed.shape)
+    image += (noise * rng.normal(0.0, 0.003, image.shape)).astype(np.float32)
+    visible = rng.random((envs, k, 2, len(POINTS))) < seen
+    image[~visible] = 0.0
+    samples = Samples(
+        period=period,
+        odometry=odometry.astype(np.float32),
+        image=image,
+        seen=visible,
+        arrived=np.full((envs, k, 2), NOW),
+    )
+    return samples, poses
+
+
+def take(samples: Samples, first: int, last: int) -> Samples:
+    """Samples first..last (not included)."""
+    fields: Any = [np.ascontiguousarray(field[:, first:last]) for field in samples]
+    return Samples(*fields)
+
+
+def prior(envs: int, depth: float = 4.0) -> Prior:
+    pose = np.tile([[0.5, -1.2, 0.2], [0.3, 1.5, -0.6]], (envs, 1, 1))
+    return Prior(np.full((envs, 2, len(POINTS)), depth), pose, 1.0, np.array([1.5, 1.5, 1.0]))
+
+
+def run(
+    samples: Samples, config: CascadeConfig | str = "cascade-critical", window: int = 1, *, block: int = 1
+) -> Cascade:
+    envs, k = samples.period.shape
+    estimator = make(config, envs, 2, len(POINTS), message_window=window)
+    assert isinstance(estimator, Cascade)
+    rows = np.arange(envs)
+    estimator.reset(prior(envs), rows)
+    for first in range(0, k, block):
+        estimator.update(take(samples, first, min(first + block, k)), rows)
+    return estimator
+
+
+def reference(samples: Samples, config: CascadeConfig) -> tuple[Float, Float]:
+    """Poses (K, 2, 3) and covariances of environment 0 by a plain Kalman filter on the depth observers' points."""
+    estimator = make(config, 1, 2, len(POINTS))
+    assert isinstance(estimator, Cascade)
+    estimator.reset(prior(1), np.array([0]))
+    state, settings = np.zeros((1, 2, len(POINTS), depth_state.SIZE)), estimator.get_state(np.array([0]))["settings"]
+    guess = prior(1).depth
+    poses, covariances = np.zeros((samples.period.shape[1], 2, 3)), np.zeros((samples.period.shape[1], 2, 3, 3))
+    x = [prior(1).pose[0, p].copy() for p in range(2)]
+    P = [np.diag(prior(1).pose_sd ** 2) for _ in range(2)]
+    for k in range(len(poses)):
+        depth_state.observe(
+            state, settings[0], samples.period, samples.odometry, samples.image, samples.seen, guess, k, True,
+            np.array([0]),
+        )  # fmt: skip
+        dt, u = samples.period[0, k], samples.odometry[0, k].astype(np.float64)
+        for p, (a, b) in enumerate(((0, 1), (1, 0))):
+            x[p], P[p] = dense_prediction(x[p], P[p], u[a], u[b], dt, config)
+            for m in range(len(POINTS)):
+                if samples.seen[0, k, a, m] and samples.seen[0, k, b, m]:
+                    x[p], P[p] = dense_update(x[p], P[p], state[0, a, m], state[0, b, m], u[a], u[b], config)
+            poses[k, p], covariances[k, p] = x[p], P[p]
+    return poses, covariances
+
+
+def dense_prediction(
+    x: Float, P: Float, u_a: Float, u_b: Float, dt: float, config: CascadeConfig
+) -> tuple[Float, Float]:
+    def f(x: Float, u_a: Float, u_b: Float) -> Float:
+        result: Float = np.array(rp.predict(*x, *arc(*u_a, dt), *arc(*u_b, dt))[:3])
+        return result
+
+    def difference(g: Any) -> Float:
+        columns = []
+        for e in np.eye(3):
+            change = g(1e-5 * e) - g(-1e-5 * e)
+            change[2] = math.remainder(change[2], math.tau)
+            columns.append(change / 2e-5)
+        return np.stack(columns, axis=1)
+
+    F = difference(lambda d: f(x + d, u_a, u_b))
+    if config.process == "fixed":
+        Q = config.process_sd**2 * np.eye(3) * (dt > 0)
+    else:
+        G_a, G_b = difference(lambda d: f(x, u_a + d, u_b)), difference(lambda d: f(x, u_a, u_b + d))
+        M = np.diag([config.odometry_noise[0] ** 2, 0.0, config.odometry_noise[1] ** 2])
+        Q = G_a @ M @ G_a.T + G_b @ M @ G_b.T
+    return f(x, u_a, u_b), F @ P @ F.T + Q
+
+
+def dense_update(
+    x: Float, P: Float, a: Float, b: Float, u_a: Float, u_b: Float, config: CascadeConfig
+) -> tuple[Float, Float]:
+    def spread(row: Float) -> tuple[Float, Float]:
+        c = row[depth_state.COVARIANCE : depth_state.COVARIANCE + 6]
+        return row[[depth_state.Q_X, depth_state.Q_Y]], np.array([[c[0], c[1]], [c[1], c[3]]])
+
+    (q_a, C_a), (q_b, C_b) = spread(a), spread(b)
+    J, R = np.array([[0.0, -1.0], [1.0, 0.0]]), rotation(x[2])
+    q = R.T @ (q_a - x[:2])
+    H, y = np.column_stack([-R.T, -J @ q]), q_b - q
+    noise = R.T @ C_a @ R + C_b if config.measurement == "depth" else np.zeros((2, 2))
+    if config.pose_model != "position":
+        T = -u_a[2] * J
+        H, y, noise = T @ H, T @ y, T @ noise @ T.T
+    if config.pose_model == "printed":
+        h = R.T @ (-u_a[2] * J @ q_a - u_a[:2])
+        H, y = np.column_stack([np.zeros((2, 2)), -J @ h]), -u_a[2] * J @ q_b - u_b[:2] - h
+    K = P @ H.T @ np.linalg.inv(H @ P @ H.T + noise + config.measurement_sd**2 * np.eye(2))
+    x, A = x + K @ y, np.eye(3) - K @ H
+    x[2] = math.remainder(x[2], math.tau)
+    return x, A @ P  # with the optimal gain the short form is the Joseph form
+
+
+@pytest.mark.parametrize("pose_model", ["position", "velocity", "printed"])
+@pytest.mark.parametrize(("measurement", "process"), [("fixed", "fixed"), ("depth", "odometry")])
+def test_agrees_with_a_plain_kalman_filter(pose_model, measurement, process):
+    samples, _ = simulate(60)
+    config = CascadeConfig(pose_model=pose_model, measurement=measurement, process=process)
+    poses, covariances = reference(samples, config)
+    estimator = run(samples, config)
+    np.testing.assert_allclose(estimator.estimate.pose[0], poses[-1], atol=1e-6)
+    np.testing.assert_allclose(estimator.estimate.pose_covariance[0], covariances[-1], rtol=1e-4, atol=1e-9)
+
+
+def test_finds_the_pose_and_claims_what_it_finds_with_true_depths():
+    samples, truth = simulate(600, noise=0.0, seen=1.0)
+    estimator = make(CascadeConfig(), 1, 2, len(POINTS))
+    rows = np.array([0])
+    depth = np.array([[[relative(*truth[0, 0, i], *p[:2], 0.0)[0] for p in POINTS] for i in range(2)]])
+    estimator.reset(prior(1)._replace(depth=depth), rows)
+    estimator.update(samples, rows)
+    for p, (a, b) in enumerate(((0, 1), (1, 0))):
+        expected = relative(*truth[0, -1, a], *truth[0, -1, b])
+        np.testing.assert_allclose(estimator.estimate.pose[0, p], expected, atol=2e-3)
+
+
+def late(samples: Samples, window: int, seed: int, loss: float = 0.0) -> Samples:
+    """The same samples, each message delayed at random by less than `window` samples; at the end all have come."""
+    rng = np.random.default_rng(seed)
+    envs, k, pairs = samples.arrived.shape
+    arrived = np.zeros_like(samples.arrived)
+    for n in range(envs):
+        for p in range(pairs):
+            for made in range(k):
+                if rng.random() >= loss:
+                    at = min(made + int(rng.integers(window)), k - 1)
+                    arrived[n, at, p] |= NOW << np.uint64(at - made)
+    return samples._replace(arrived=arrived)
+
+
+@pytest.mark.parametrize("name", ["cascade", "cascade-critical"])
+@pytest.mark.parametrize("window", [2, 8, 64])
+def test_messages_out_of_order_give_exactly_the_result_of_messages_in_order(name, window):
+    samples, _ = simulate(150, envs=4)
+    in_order, out_of_order = run(samples, name), run(late(samples, window, 1), name, window)
+    np.testing.assert_array_equal(out_of_order.estimate.pose, in_order.estimate.pose)
+    np.testing.assert_array_equal(out_of_order.estimate.pose_covariance, in_order.estimate.pose_covariance)
+
+
+def test_late_messages_are_used_with_losses_too():
+    samples, _ = simulate(150, envs=4)
+    lossy = late(samples, 1, seed=2, loss=0.5)
+    delayed = np.zeros_like(lossy.arrived)
+    rng = np.random.default_rng(3)
+    for n, made, p in np.argwhere(lossy.arrived):
+        at = min(made + int(rng.integers(8)), 150)
+        delayed[n, at, p] |= NOW << np.uint64(at - made)
+    on_time, later = run(lossy), run(lossy._replace(arrived=delayed), window=8)
+    last = lossy.arrived[:, -1] != 0  # otherwise the last samples are predictions in both, from the same anchor
+    assert last.any()
+    np.testing.assert_array_equal(later.estimate.pose, on_time.estimate.pose)
+    np.testing.assert_array_equal(later.estimate.pose_covariance, on_time.estimate.pose_covariance)
+
+
+def test_a_message_is_used_at_the_time_it_was_made_for():
+    samples, _ = simulate(100, noise=0.0)
+    delay = 6
+    arrived = np.zeros_like(samples.arrived)
+    arrived[:, delay:] = NOW << np.uint64(delay)
+    estimator = run(samples._replace(arrived=arrived), window=delay + 1)
+    then = run(take(samples, 0, 101 - delay)).estimate.pose[0]
+    for p, (a, b) in enumerate(((0, 1), (1, 0))):
+        pose = then[p]
+        held = samples.odometry[0, 100 - delay, b].astype(float)
+        for k in range(101 - delay, 101):
+            pose = np.array(
+                rp.predict(*pose, *arc(*samples.odometry[0, k, a].astype(float), PERIOD), *arc(*held, PERIOD))[:3]
+            )
+        np.testing.assert_allclose(estimator.estimate.pose[0, p], pose, atol=1e-12)
+
+
+def test_a_gap_is_spanned_exactly_by_dead_reckoning():
+    samples, _ = simulate(60)
+    samples = samples._replace(seen=np.zeros_like(samples.seen))
+    config = CascadeConfig(process="odometry")
+    lost = samples.arrived.copy()
+    lost[:, 10:60] = 0
+    each, gap = run(samples, config), run(samples._replace(arrived=lost), config)
+    np.testing.assert_allclose(gap.estimate.pose, each.estimate.pose, atol=1e-12)
+    np.testing.assert_allclose(gap.estimate.pose_covariance, each.estimate.pose_covariance, atol=1e-12)
+
+
+def test_fixed_process_noise_counts_the_samples_of_a_gap():
+    samples, _ = simulate(60)
+    lost = samples.arrived.copy()
+    lost[:, 1:60] = 0
+    samples = samples._replace(seen=np.zeros_like(samples.seen), arrived=lost)
+    some, more = (run(samples, CascadeConfig(process_sd=sd)).estimate for sd in (1e-3, 2e-3))
+    np.testing.assert_array_equal(some.pose, more.pose)
+    np.testing.assert_allclose((more.pose_covariance - some.pose_covariance)[0, 0], 60 * 3e-6 * np.eye(3), atol=1e-12)
+
+
+def test_without_messages_the_filter_only_predicts_and_grows_less_certain():
+    samples, _ = simulate(100)
+    silent = samples.arrived.copy()
+    silent[:, 50:] = 0
+    samples = samples._replace(arrived=silent)
+    estimator = run(take(samples, 0, 51))
+    rows = np.array([0])
+    before = np.linalg.det(estimator.estimate.pose_covariance[0, 0])
+    for k in range(51, 101):
+        estimator.update(take(samples, k, k + 1), rows)
+        after = np.linalg.det(estimator.estimate.pose_covariance[0, 0])
+        assert after > before
+        before = after
+        assert np.linalg.eigvalsh(estimator.estimate.pose_covariance[0, 0])[0] > 0
+
+
+def test_prediction_of_a_held_velocity_covers_what_was_not_heard():
+    """Monte Carlo, 20,000 draws: B's velocity differs from the last one heard by the stated deviation."""
+    rng = np.random.default_rng(5)
+    draws, sd, hold_sd = 20_000, 0.0005, (0.002, 0.003)
+    u = np.array([[0.15, 0.0, 0.05], [0.1, 0.0, -0.08]])
+    samples, _ = simulate(40, noise=0.0)
+    arrived = np.zeros_like(samples.arrived)
+    arrived[:, 0] = NOW
+    odometry = np.broadcast_to(u.astype(np.float32), samples.odometry.shape).copy()
+    samples = samples._replace(odometry=odometry, seen=np.zeros_like(samples.seen), arrived=arrived)
+    config = CascadeConfig(process="odometry", unheard_sd=hold_sd, odometry_noise=(sd, sd))
+    estimator = make(config, 1, 2, len(POINTS))
+    estimator.reset(prior(1)._replace(pose_sd=np.full(3, 1e-9)), np.array([0]))
+    estimator.update(take(samples, 0, 1), np.array([0]))
+    estimator.update(take(samples, 1, 41), np.array([0]))
+    a = np.zeros((3, draws))
+    b = np.repeat(prior(1).pose[0, 0][:, None], draws, axis=1)
+    hold = rng.normal(0.0, hold_sd, (draws, 2)).T
+    for _ in range(40):
+        for pose, mean, error in ((a, u[0], 0.0), (b, u[1], hold)):
+            speed, turn = mean[[0, 2], None] + rng.normal(0.0, sd, (2, draws)) + error
+            middle = pose[2] + 0.5 * PERIOD * turn
+            pose[:] += PERIOD * np.stack([speed * np.cos(middle), speed * np.sin(middle), turn])
+    d = b - a
+    ends = np.stack([np.cos(a[2]) * d[0] + np.sin(a[2]) * d[1], np.cos(a[2]) * d[1] - np.sin(a[2]) * d[0], d[2]])
+    # both say the same about every direction
+    ratio = np.linalg.eigvals(np.linalg.solve(estimator.estimate.pose_covariance[0, 0], np.cov(ends))).real
+    assert ratio.min() > 0.9
+    assert ratio.max() < 1.1
+
+
+def test_blocks_rows_and_batches_do_not_change_a_bit():
+    samples, _ = simulate(90, envs=6)
+    whole, singles = run(late(samples, 8, 4), window=8, block=91), run(late(samples, 8, 4), window=8, block=1)
+    for name, field in whole.estimate._asdict().items():
+        np.testing.assert_array_equal(field, getattr(singles.estimate, name))
+    for n in range(6):
+        fields: Any = [np.ascontiguousarray(field[n : n + 1]) for field in late(samples, 8, 4)]
+        alone = run(Samples(*fields), window=8, block=7)
+        for name, field in alone.estimate._asdict().items():
+            np.testing.assert_array_equal(field[0], getattr(whole.estimate, name)[n])
+
+
+def test_only_the_given_rows_change():
+    samples, _ = simulate(20, envs=3)
+    estimator = run(samples)
+    before = [field.copy() for field in estimator.estimate]
+    estimator.update(take(samples, 5, 9), np.array([1]))
+    estimator.reset(prior(3), np.array([1]))
+    for old, new in zip(before, estimator.estimate, strict=True):
+        np.testing.assert_array_equal(old[[0, 2]], new[[0, 2]])
+    np.testing.assert_array_equal(estimator.estimate.pose[1], prior(3).pose[1])
+    assert not estimator.estimate.known[1].any()
+
+
+def test_state_restores_bit_for_bit():
+    samples, _ = simulate(80, envs=3)
+    samples = late(samples, 8, 6)
+    first, rows = run(take(samples, 0, 41), window=8), np.arange(3)
+    state = first.get_state(np.array([2, 0, 1]))
+    assert all(len(array) == 3 for array in state.values())
+    second = make("cascade-critical", 3, 2, len(POINTS), message_window=8)
+    second.set_state(state, np.array([2, 0, 1]))
+    for old, new in zip(first.estimate, second.estimate, strict=True):
+        np.testing.assert_array_equal(old, new)
+    for estimator in (first, second):
+        estimator.update(take(samples, 41, 81), rows)
+    for name, array in first.get_state(rows).items():
+        np.testing.assert_array_equal(array, second.get_state(rows)[name], err_msg=name)
+
+
+def test_points_are_those_of_the_depth_observers_in_polar_form():
+    samples, _ = simulate(50, envs=2)
+    estimator = run(samples)
+    rows = estimator.get_state(np.arange(2))["depth"]
+    q = np.moveaxis(rows[..., [depth_state.Q_X, depth_state.Q_Y, depth_state.HEIGHT]], -1, 0)
+    distance = np.hypot(q[0], q[1])
+    expected = np.stack([np.arctan2(q[1], q[0]), q[2] / distance, 1.0 / distance], axis=-1)
+    np.testing.assert_allclose(estimator.estimate.points, expected, rtol=1e-12)
+    chi = 1.0 / q[0]
+    for index in np.ndindex(chi.shape):
+        polar = camera.to_polar(-q[1][index] * chi[index], -q[2][index] * chi[index], chi[index])
+        np.testing.assert_allclose(estimator.estimate.points[index], polar, rtol=1e-12)
+    assert np.linalg.eigvalsh(estimator.estimate.points_covariance).min() > 0
+    np.testing.assert_array_equal(
+        estimator.estimate.points_covariance, np.swapaxes(estimator.estimate.points_covariance, -1, -2)
+    )
+
+
+def test_points_never_seen_read_as_unknown():
+    samples, _ = simulate(10)
+    seen = samples.seen.copy()
+    seen[:, :, 0, 1] = False
+    estimator = run(samples._replace(seen=seen))
+    assert not estimator.estimate.known[0, 0, 1]
+    assert estimator.estimate.known.sum() == 5
+    np.testing.assert_array_equal(estimator.estimate.points[0, 0, 1], 0.0)
+    np.testing.assert_array_equal(estimator.estimate.points_covariance[0, 0, 1], 0.0)
+
+
+def test_remembered_points_take_part_where_asked():
+    samples, _ = simulate(60, seen=1.0)
+    seen = samples.seen.copy()
+    seen[:, 30:, 0] = False
+    samples = samples._replace(seen=seen)
+    without = run(samples, CascadeConfig())
+    with_unseen = run(samples, CascadeConfig(use_unseen=True))
+    assert np.linalg.det(with_unseen.estimate.pose_covariance[0, 0]) < 0.5 * np.linalg.det(
+        without.estimate.pose_covariance[0, 0]
+    )
+    blind = run(take(samples, 0, 31)).estimate
+    assert not np.array_equal(blind.pose, without.estimate.pose)
+
+
+def test_one_robot_has_points_and_no_pairs():
+    samples, _ = simulate(20)
+    one = Samples(
+        samples.period,
+        np.ascontiguousarray(samples.odometry[:, :, :1]),
+        np.ascontiguousarray(samples.image[:, :, :1]),
+        np.ascontiguousarray(samples.seen[:, :, :1]),
+        np.zeros((1, 21, 0), dtype=np.uint64),
+    )
+    estimator = make("cascade", 1, 1, len(POINTS))
+    rows = np.array([0])
+    estimator.reset(Prior(prior(1).depth[:, :1].copy(), np.zeros((1, 0, 3)), 1.0, np.ones(3)), rows)
+    estimator.update(one, rows)
+    both = run(samples, "cascade")
+    np.testing.assert_array_equal(estimator.estimate.points[:, 0], both.estimate.points[:, 0])
+    assert estimator.estimate.pose.shape == (1, 0, 3)
+
+
+def test_gains_are_per_environment_and_robot():
+    samples, _ = simulate(60, envs=2)
+    estimator = make("cascade", 2, 2, len(POINTS))
+    assert isinstance(estimator, Cascade)
+    np.testing.assert_array_equal(estimator.gains, np.broadcast_to([2.5, 120.0], (2, 2, 2)))
+    rows = np.arange(2)
+    estimator.reset(prior(2), rows)
+    estimator.gains[1, 0] = 5.0, 30.0
+    estimator.update(samples, rows)
+    usual = run(samples, "cascade", block=61).estimate.points
+    tuned = run(samples, CascadeConfig(h=(5.0, 2.5), alpha_lambda=(30.0, 120.0)), block=61).estimate.points
+    np.testing.assert_array_equal(estimator.estimate.points[0], usual[0])
+    np.testing.assert_array_equal(estimator.estimate.points[1], tuned[1])
+    assert not np.array_equal(tuned[1, 0], usual[1, 0])
+
+
+BAD_SAMPLES: list[tuple[str, Any]] = [
+    ("period", lambda a: a.astype(np.float32)),
+    ("odometry", lambda a: a.astype(np.float64)),
+    ("image", lambda a: a[:, :, :, :2]),
+    ("seen", lambda a: a.astype(np.int8)),
+    ("arrived", lambda a: a.astype(np.int64)),
+    ("arrived", lambda a: a[:, ::-1]),
+]
+
+
+@pytest.mark.parametrize(("field", "change"), BAD_SAMPLES)
+def test_wrong_samples_are_refused(field, change):
+    samples, _ = simulate(5)
+    estimator = make("cascade", 1, 2, len(POINTS))
+    estimator.reset(prior(1), np.array([0]))
+    broken = samples._replace(**{field: change(getattr(samples, field))})
+    with pytest.raises(ValueError, match=rf"Argument `samples\.{field}` must be a C-contiguous array"):
+        estimator.update(broken, np.array([0]))
+
+
+@pytest.mark.parametrize("row", [-1, 1])
+def test_rows_out_of_range_are_refused_and_nothing_changes(row):
+    samples, _ = simulate(5)
+    estimator = run(samples)
+    before = estimator.get_state(np.array([0]))
+    for call in (
+        lambda rows: estimator.update(samples, rows),
+        lambda rows: estimator.reset(prior(1), rows),
+    ):
+        with pytest.raises(IndexError, match=r"Argument `rows` must lie in \[0, 1\)"):
+            call(np.array([0, row]))
+    for name, array in estimator.get_state(np.array([0])).items():
+        np.testing.assert_array_equal(array, before[name])
+
+
+def test_messages_older_than_the_window_are_refused():
+    samples, _ = simulate(5)
+    arrived: NDArray[np.uint64] = samples.arrived.copy()
+    arrived[0, 4, 1] = NOW << np.uint64(2)
+    run(samples._replace(arrived=arrived), window=3)
+    with pytest.raises(ValueError, match="ages below the message window, 2 samples"):
+        run(samples._replace(arrived=arrived), window=2)
+
+
+def test_a_state_of_another_estimator_is_refused():
+    samples, _ = simulate(5)
+    estimator = run(samples)
+    state = estimator.get_state(np.array([0]))
+    with pytest.raises(ValueError, match="must have the keys"):
+        estimator.set_state({"depth": state["depth"]}, np.array([0]))
+    with pytest.raises(ValueError, match=r"state\['motion'\].* shape \(1, 2, 2, 14\)"):
+        make("cascade", 1, 2, len(POINTS), message_window=2).set_state(state, np.array([0]))
