@@ -134,9 +134,29 @@ PRESETS: Mapping[str, CascadeConfig | MapAlignmentConfig] = MappingProxyType(
         "cascade": CascadeConfig(),
         "cascade-critical": CascadeConfig(damping="critical", measurement="depth", process="odometry"),
         "map-alignment": MapAlignmentConfig(),
+        "map-alignment-mocap": MapAlignmentConfig(
+            image_noise=0.02,
+            odometry_noise=(0.005, 0.005),
+            lateral_noise=0.005,
+            noise_period=1.0,
+            camera_delay_sd=0.1,
+            inverse_range_prior=(0.35, 0.3),
+            forget_after=300.0,
+        ),
+        "map-alignment-commands": MapAlignmentConfig(
+            image_noise=0.02,
+            odometry_noise=(0.04, 0.08),
+            lateral_noise=0.02,
+            noise_period=1.0,
+            scale_sd=(0.1, 0.1),
+            camera_delay_sd=0.1,
+            inverse_range_prior=(0.35, 0.3),
+            forget_after=300.0,
+        ),
     }
 )
-"""The registry of names."""
+"""The registry of names. Those that end in `mocap` and `commands` are for logs of real robots, by where their
+velocities come from; they suit cameras that give bearings alone."""
 
 _ADAPTER: TypeAdapter[CascadeConfig | MapAlignmentConfig] = TypeAdapter(EstimatorConfig)
 

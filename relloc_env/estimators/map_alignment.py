@@ -9,7 +9,9 @@ from numpy.typing import NDArray
 
 from relloc_env.estimators.config import MapAlignmentConfig
 from relloc_env.kernels.local_map import CALIBRATION
-from relloc_env.kernels.map_alignment import Maps, Options, Pairs, scratch, take_samples
+from relloc_env.kernels.map_alignment import scratch, take_samples
+from relloc_env.kernels.map_tracking import Maps, Options
+from relloc_env.kernels.pair_tracking import Pairs
 from relloc_env.samples import Estimate, Prior, Rows, Samples, ordered_pairs
 
 NOMINAL = np.array([1.0, 1.0, 0.0, 0.0])

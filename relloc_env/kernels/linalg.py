@@ -83,7 +83,7 @@ def invert(a, inverse, n):
 
 @kernel
 def log_determinant(factor, n):
-    """log det(L Lᵀ) of the leading n rows of a factor."""
+    """Logarithm of det(L Lᵀ), of the leading n rows of a factor."""
     total = 0.0
     for i in range(n):
         total += math.log(factor[i, i])

@@ -25,7 +25,8 @@ def transfer(beta, eta, rho, r_x, r_y, theta, height):
 
     beta' = atan2(b) - theta,  eta' = (eta - rho height)/n,  rho' = rho/n
 
-    For any db: dbeta' = (b × db)/n², dn = b·db/n, deta' = (d(eta - rho height) - eta' dn)/n, drho' = (drho - rho' dn)/n.
+    For any db: dbeta' = (b × db)/n², dn = b·db/n, drho' = (drho - rho' dn)/n,
+    deta' = (d(eta - rho height) - eta' dn)/n.
     Serves a robot's own motion (r, theta = chord and turn) and another robot's view (r, theta = its pose).
 
     Args:

@@ -1,0 +1,148 @@
+"""The local maps of a batch of environments, sample by sample, with a ring of the last W of them."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from relloc_env.kernels._compile import kernel
+from relloc_env.kernels.local_map import depth_prior, map_correct, map_enter, map_forget, map_predict
+
+Float = NDArray[np.float64]
+Int = NDArray[np.int64]
+Bool = NDArray[np.bool_]
+
+
+class Maps(NamedTuple):
+    """Local maps: N environments, a ring of W samples, R robots, M points, D numbers a map."""
+
+    state: Float
+    """(N, W, R, D)."""
+    covariance: Float
+    """(N, W, R, D, D)."""
+    known: Bool
+    """(N, W, R, M) which points are in the map."""
+    motion: Float
+    """(N, W, R, 4) length of the interval before the sample [s], and the measured velocity over it."""
+    cursor: Int
+    """(N,) place of the newest sample in the ring."""
+    ticks: Int
+    """(N,) samples since the start."""
+    rejected: Int
+    """(N, R, M) how often in a row the gate refused the point."""
+    unseen: Float
+    """(N, R, M) [s] since the point was last accepted."""
+    depth: Float
+    """(N, R, M) [m] guess of the depth at first sight."""
+    depth_sd: Float
+    """(N,) [m] its standard deviation."""
+
+
+class Options(NamedTuple):
+    """Numbers of the configuration; see `estimators.config.MapAlignmentConfig`."""
+
+    image_variance: float
+    speed_variance: float
+    lateral_variance: float
+    yaw_variance: float
+    noise_period: float
+    gate: float
+    bearing_gate: float
+    most_rejections: int
+    forget_after: float
+    rho: float
+    rho_variance: float
+    height_sd: float
+    every: int
+    challenger_every: int
+    iterations: int
+    tolerance: float
+    unheard_speed_variance: float
+    unheard_yaw_variance: float
+
+
+@kernel
+def velocity_variance(options, dt):
+    """Variances of (speed, lateral speed, yaw rate) measured over an interval of `dt`."""
+    scale = options.noise_period / dt if options.noise_period > 0.0 and dt > 0.0 else 1.0
+    return scale * options.speed_variance, scale * options.lateral_variance, scale * options.yaw_variance
+
+
+@kernel
+def observe(maps, options, n, dt, odometry, image, seen, work):
+    """Take one sample into the local maps of environment n: predict, then correct with each seen point.
+
+    Args:
+        maps, options: see there.
+        n: the environment.
+        dt: [s] length of the interval before the sample.
+        odometry, image, seen: (R, 3), (R, M, 2), (R, M) what the robots measured.
+        work: (≥ D, ≥ 3) scratch.
+    """
+    robots, points = seen.shape
+    old, window = maps.cursor[n], maps.state.shape[1]
+    now = (old + 1) % window
+    maps.cursor[n] = now
+    var_v, var_l, var_w = velocity_variance(options, dt)
+    for r in range(robots):
+        state, covariance, known = maps.state[n, now, r], maps.covariance[n, now, r], maps.known[n, now, r]
+        if window > 1:
+            for i in range(state.shape[0]):
+                state[i] = maps.state[n, old, r, i]
+                for j in range(state.shape[0]):
+                    covariance[i, j] = maps.covariance[n, old, r, i, j]
+            for i in range(points):
+                known[i] = maps.known[n, old, r, i]
+        v, lateral, w = float(odometry[r, 0]), float(odometry[r, 1]), float(odometry[r, 2])
+        motion = maps.motion[n, now, r]
+        motion[0], motion[1], motion[2], motion[3] = dt, v, lateral, w
+        if dt > 0.0:
+            map_predict(state, covariance, known, v, lateral, w, dt, var_v, var_l, var_w, work)
+        for i in range(points):
+            if known[i]:
+                maps.unseen[n, r, i] += dt
+                if maps.unseen[n, r, i] > options.forget_after:
+                    map_forget(state, covariance, known, i)
+            if not seen[r, i]:
+                continue
+            x, y = float(image[r, i, 0]), float(image[r, i, 1])
+            if known[i]:
+                accepted, _ = map_correct(
+                    state,
+                    covariance,
+                    points,
+                    i,
+                    x,
+                    y,
+                    w,
+                    options.image_variance,
+                    options.gate,
+                    options.bearing_gate,
+                    work,
+                )
+                if accepted:
+                    maps.rejected[n, r, i] = 0
+                    maps.unseen[n, r, i] = 0.0
+                    continue
+                maps.rejected[n, r, i] += 1
+                if maps.rejected[n, r, i] < options.most_rejections:
+                    continue
+                rho, rho_variance = state[3 * i + 2], covariance[3 * i + 2, 3 * i + 2]
+            elif options.rho_variance > 0.0:
+                rho, rho_variance = options.rho, options.rho_variance
+            else:
+                rho, rho_variance = depth_prior(x, maps.depth[n, r, i], maps.depth_sd[n])
+            map_enter(state, covariance, known, i, x, y, w, options.image_variance, rho, rho_variance)
+            maps.rejected[n, r, i] = 0
+            maps.unseen[n, r, i] = 0.0
+
+
+@kernel
+def scaled_motion(maps, n, slot, r):
+    """(v, l, w) of a robot in one sample of the ring, by its own estimate of the odometry's scale."""
+    state, motion = maps.state[n, slot, r], maps.motion[n, slot, r]
+    first = 3 * maps.known.shape[3]
+    if state.shape[0] > first:
+        k_v, k_w = state[first], state[first + 1]
+        return k_v * motion[1], k_v * motion[2], k_w * motion[3]
+    return motion[1], motion[2], motion[3]
