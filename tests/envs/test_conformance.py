@@ -82,7 +82,7 @@ def test_pettingzoo_suites(robots: int, variant: str) -> None:
 
 def test_pettingzoo_module_suites() -> None:
     max_cycles_test(relloc_env)
-    render_test(relloc_env.env)
+    render_test(relloc_env.env)  # type: ignore[arg-type]  # annotated there with the wrong `Env`
 
 
 WRAPPERS: dict[str, Callable[[gym.Env[Any, Any]], gym.Env[Any, Any]]] = {
