@@ -1,7 +1,7 @@
 """relloc_env: two ground robots, a camera on each, and the motion that lets them find depth and one another.
 
-Importing this registers the Gymnasium ids `relloc_env/ActiveDepth-v0` and `relloc_env/RelativePose-v0`. Compiled kernels
-load with the first environment, not here.
+Importing this registers the Gymnasium ids `relloc_env/ActiveDepth-v0` and `relloc_env/RelativePose-v0`. Compiled
+kernels load with the first environment, not here.
 """
 
 from typing import TYPE_CHECKING, Any
@@ -20,7 +20,10 @@ _DOORS = {"env": "relloc_env.envs.aec", "parallel_env": "relloc_env.envs.paralle
 for _id, _robots in (("relloc_env/ActiveDepth-v0", 1), ("relloc_env/RelativePose-v0", 2)):
     if _id not in _gymnasium.registry:
         _gymnasium.register(
-            id=_id, entry_point="relloc_env.envs.centralised:RellocEnv", kwargs={"robots": _robots}, nondeterministic=False
+            id=_id,
+            entry_point="relloc_env.envs.centralised:RellocEnv",
+            kwargs={"robots": _robots},
+            nondeterministic=False,
         )
 
 

@@ -330,7 +330,9 @@ class EnvConfig(Model):
         if self.points is not None and len(self.points) != self.targets:
             raise ValueError(f"must have {self.targets} entries in `points`, but has {len(self.points)}")
         if self.message_window > 64:
-            raise ValueError(f"must have latency and jitter of less than 64 samples, but they are {self.message_window}")
+            raise ValueError(
+                f"must have latency and jitter of less than 64 samples, but they are {self.message_window}"
+            )
         for camera in self.camera:
             if camera.frame_rate is not None and camera.frame_rate > self.sample_rate:
                 raise ValueError(
@@ -366,7 +368,7 @@ class EnvConfig(Model):
 
     @property
     def sample_period(self) -> float:
-        """[s]"""
+        """Time between two samples [s]."""
         return 1.0 / self.sample_rate
 
     @property

@@ -144,7 +144,7 @@ def _measure(score, world, truth, known, work, n, k):
 
 
 @kernel
-def _informations(score, world, pairs, n):
+def _informations(score, world, n):
     """Refresh information and worst standard deviations from the bound."""
     robots, count = world.pose.shape[1], world.points.shape[1]
     worst = 0.0
@@ -191,7 +191,7 @@ def start_score(score_, world_, first_truth_, estimate_, known_, pairs, work, ro
     for n in rows:
         bound_reset(score.bound[n], score.sighted[n], world.pose[n], known.pose_sd, 0.0, UNSEEN_SD)
         _measure(score, world, truth, known, work, n, 0)
-        _informations(score, world, pairs, n)
+        _informations(score, world, n)
         _errors(score, world, estimate, pairs, n)
         score.terms[n] = 0.0
 
@@ -228,7 +228,7 @@ def score_action(
         pose_before = score.pose_information[n]
         for r in range(robots.shape[0]):
             score.terms[n, r, DEPTH_INFO] = -score.depth_information[n, r]
-        _informations(score, world, pairs, n)
+        _informations(score, world, n)
         _errors(score, world, estimate, pairs, n)
         for r in range(robots.shape[0]):
             terms = score.terms[n, r]
@@ -241,7 +241,7 @@ def score_action(
                 d_y = world.points[n, i, 1] - world.pose[n, r, 1]
                 error = score.depth_error[n, r, i]
                 share = abs(error) / math.sqrt(d_x * d_x + d_y * d_y)
-                total += share if share < 1.0 else 1.0
+                total += min(1.0, share)
             terms[DEPTH_ERROR] = total / count
             total = 0.0
             for p in range(pairs.shape[0]):

@@ -42,6 +42,17 @@ class Samples(NamedTuple):
     observer now (bit 0: at once)."""
 
 
+def empty_samples(n: int, k: int, r: int, m: int, p: int) -> Samples:
+    """Samples in which nothing was measured: K samples of N environments, R robots, M points, P pairs."""
+    return Samples(
+        period=np.zeros((n, k)),
+        odometry=np.zeros((n, k, r, 3), np.float32),
+        image=np.zeros((n, k, r, m, 2), np.float32),
+        seen=np.zeros((n, k, r, m), np.bool_),
+        arrived=np.zeros((n, k, p), np.uint64),
+    )
+
+
 class Prior(NamedTuple):
     """What the robots are told at the start: guesses, not the truth."""
 

@@ -17,9 +17,8 @@ from relloc_env.kernels.placement import FIXED, GAUSSIAN, POSITIVE, place
 from relloc_env.kernels.sensing import exchange, look, measure_motion
 from relloc_env.kernels.streams import PURPOSES, seed_stream
 from relloc_env.kernels.world import BOX, DISC, Truth, World, drive, settle, settle_contact, touches
-from relloc_env.samples import Float, Prior, Rows, Samples, ordered_pairs
+from relloc_env.samples import Float, Prior, Rows, Samples, empty_samples, ordered_pairs
 from relloc_env.world import ContactSolver
-
 
 PARAMETERS = np.dtype(
     [(name, np.float64) for name in (
@@ -174,7 +173,6 @@ def _begin(world_, samples_, truth_, params_, robots, pairs, rows, failed):
         world.velocity[row] = 0.0
         world.wheels[row] = 0.0
         world.command[row] = 0.0
-        world.dead_reckoning[row] = 0.0
         world.contact[row] = False
         world.collided[row] = False
         world.blocked[row] = 0
@@ -205,7 +203,7 @@ def _advance(world_, samples_, truth_, params_, robots, pairs, rows, waiting):
             k = world.position[n]
             world.tick[n] += 1
             samples.period[n, k] = params.dt
-            measure_motion(world, samples, n, k, params, robots)
+            measure_motion(world, samples, n, k, robots)
             _sense(world, samples, truth, n, k, params, robots, pairs)
             world.position[n] = k + 1
     return count
@@ -260,7 +258,6 @@ class Simulation:
             wheels=np.zeros((n, r, 2)),
             pending=np.zeros((n, r, 3)),
             command=np.zeros((n, r, 2)),
-            dead_reckoning=np.zeros((n, r, 3)),
             points=np.zeros((n, m, 3)),
             obstacles=np.tile(obstacles, (n, 1, 1)),
             fixed_poses=np.full((n, r, 3), np.nan),
@@ -284,13 +281,13 @@ class Simulation:
         self._solver: ContactSolver | None = None
         self._world_, self._samples_, self._truth_ = tuple(self.world), tuple(self.samples), tuple(self.truth)
         self._first_, self._first_truth_ = tuple(self.first), tuple(self.first_truth)
-        self.seed(np.arange(n), np.random.SeedSequence().generate_state(n, np.uint64))
+        self.seed(np.arange(n), [int(seed) for seed in np.random.SeedSequence().generate_state(n, np.uint64)])
 
-    def seed(self, rows: Rows, seeds: Sequence[int] | NDArray[np.uint64]) -> None:
+    def seed(self, rows: Rows, seeds: Sequence[int]) -> None:
         """Start the random streams of the environments `rows` from one seed each."""
         for row, seed in zip(rows, seeds, strict=True):
             for purpose in range(PURPOSES):
-                seed_stream(self.world.streams[row, purpose], np.uint64(_fold(int(seed))), purpose)
+                seed_stream(self.world.streams[row, purpose], np.uint64(_fold(seed)), purpose)
 
     def reset(self, rows: Rows, options: Mapping[str, Any] | None = None) -> None:
         """Start new episodes in the environments `rows`; their first sample is in `first`.
@@ -306,7 +303,14 @@ class Simulation:
         if options is not None:
             self._fix(rows, options)
         failed = _begin(
-            self._world_, self._first_, self._first_truth_, self.parameters, self.robots, self.pairs, rows, self._waiting
+            self._world_,
+            self._first_,
+            self._first_truth_,
+            self.parameters,
+            self.robots,
+            self.pairs,
+            rows,
+            self._waiting,
         )
         if failed:
             raise ConfigError(
@@ -340,7 +344,14 @@ class Simulation:
         _command(self._world_, self.robots, actions, rows)
         while True:
             count = _advance(
-                self._world_, self._samples_, self._truth_, self.parameters, self.robots, self.pairs, rows, self._waiting
+                self._world_,
+                self._samples_,
+                self._truth_,
+                self.parameters,
+                self.robots,
+                self.pairs,
+                rows,
+                self._waiting,
             )
             if count == 0:
                 return
@@ -370,13 +381,7 @@ class Simulation:
 
 def _blocks(n: int, k: int, r: int, m: int, p: int) -> tuple[Samples, Truth]:
     """Empty arrays for K samples."""
-    samples = Samples(
-        period=np.zeros((n, k)),
-        odometry=np.zeros((n, k, r, 3), np.float32),
-        image=np.zeros((n, k, r, m, 2), np.float32),
-        seen=np.zeros((n, k, r, m), np.bool_),
-        arrived=np.zeros((n, k, p), np.uint64),
-    )
+    samples = empty_samples(n, k, r, m, p)
     truth = Truth(np.zeros((n, k, r, 3)), np.zeros((n, k, r, 3)), np.zeros((n, k, r, m), np.bool_))
     return samples, truth
 

@@ -1,9 +1,9 @@
 """Contacts, solved by Chipmunk (pymunk). Free motion never comes here: it is the exact arc.
 
-An environment whose robots would touch something in a sample is loaded into a space, stepped through the sample with the
-velocities that its free motion has, and read back. Robots are discs that the wheels set in motion at those velocities;
-walls and obstacles stand still. Robots are added anew each time (which empties the cache of contacts), so that a step depends
-on the environment alone and nothing of an earlier one is left.
+An environment whose robots would touch something in a sample is loaded into a space, stepped through the sample with
+the velocities that its free motion has, and read back. Robots are discs that the wheels set in motion at those
+velocities; walls and obstacles stand still. Robots are added anew each time (which empties the cache of contacts), so
+that a step depends on the environment alone and nothing of an earlier one is left.
 """
 
 from __future__ import annotations

@@ -5,7 +5,8 @@ from pathlib import Path
 from typing import Any
 
 from pettingzoo import AECEnv
-from pettingzoo.utils import OrderEnforcingWrapper, parallel_to_aec
+from pettingzoo.utils.conversions import parallel_to_aec
+from pettingzoo.utils.wrappers import OrderEnforcingWrapper
 
 from relloc_env.config import EnvConfig
 from relloc_env.envs.parallel import parallel_env

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -43,7 +43,7 @@ class RellocEnv(gym.Env[Any, Any]):
     Drawn as `start` says, or fixed by `poses` and `points` in the configuration or in the options of `reset`.
 
     ## Episode end
-    Truncated after `max_cycles` actions; terminated where `terminate_on_collision` or `terminate_on_success` ask for it.
+    Truncated after `max_cycles` actions; terminated where `terminate_on_collision` or `terminate_on_success` ask so.
 
     ## Arguments
     Any option of `relloc_env.config.EnvConfig` as a keyword; `config` takes a mapping, a YAML or JSON file, or the name
@@ -54,7 +54,7 @@ class RellocEnv(gym.Env[Any, Any]):
         ConfigError: an unknown option, or a value that cannot be.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {"render_modes": ["human", "rgb_array"], "render_fps": 4}
+    metadata = {"render_modes": ["human", "rgb_array"], "render_fps": 4}  # noqa: RUF012 - the form Gymnasium asks for
 
     def __init__(
         self,
@@ -75,7 +75,7 @@ class RellocEnv(gym.Env[Any, Any]):
         self._picture: Picture | None = None
 
     @property
-    def spec(self) -> EnvSpec | None:  # type: ignore[override]
+    def spec(self) -> EnvSpec | None:
         """How Gymnasium made this; its horizon is the configuration's, so that wrappers know it."""
         return self._spec
 
@@ -104,9 +104,7 @@ class RellocEnv(gym.Env[Any, Any]):
         """The truth and every observation as one vector, for centralised critics."""
         return self.core.state(0)
 
-    def reset(
-        self, *, seed: int | None = None, options: Mapping[str, Any] | None = None
-    ) -> tuple[Any, dict[str, Any]]:
+    def reset(self, *, seed: int | None = None, options: Mapping[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Start an episode.
 
         Args:
@@ -227,5 +225,11 @@ def check_options(options: Mapping[str, Any] | None) -> dict[str, Any] | None:
         raise ConfigError(f"Argument `options` must be a mapping, but is {type(options).__name__}")
     unknown = [name for name in options if name not in OPTIONS]
     if unknown:
-        gym.logger.warn(f"Unknown options of reset, ignored: {', '.join(map(str, unknown))}; known: {', '.join(OPTIONS)}")
-    return {name: value for name, value in options.items() if name in OPTIONS} if len(unknown) < len(options) or not options else None
+        gym.logger.warn(
+            f"Unknown options of reset, ignored: {', '.join(map(str, unknown))}; known: {', '.join(OPTIONS)}"
+        )
+    return (
+        {name: value for name, value in options.items() if name in OPTIONS}
+        if len(unknown) < len(options) or not options
+        else None
+    )

@@ -10,20 +10,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from relloc_env.config import EnvConfig
+from relloc_env.envs.onboard import BARE_POINT, FAR, IMAGE, MOTION, POINT, Memory, bounded, write_motion, write_point
 from relloc_env.kernels._compile import kernel
-from relloc_env.kernels.world import World
 from relloc_env.samples import Estimate, Samples
-
-FAR = 100.0
-"""[m] bound of positions."""
-IMAGE = 100.0
-"""[-] bound of normalised image coordinates: 89.4 degrees off the axis."""
-POINT = 8
-"""Numbers a robot tells about each point: seen, x, y, sin and cos of the bearing, elevation, inverse range, log sd."""
-BARE_POINT = 3
-"""Numbers about each point without an estimator: seen, x, y."""
-MOTION = 4
-"""Numbers a robot tells about its motion: dead reckoning x, y, sin and cos of the heading."""
 
 
 class Field(NamedTuple):
@@ -103,89 +92,11 @@ def bounds(config: EnvConfig) -> tuple[Any, Any]:
     return np.concatenate(low), np.concatenate(high)
 
 
-class Mail(NamedTuple):
-    """What robots tell each other, beside what estimators exchange; C-contiguous arrays, N first."""
-
-    outbox: Any
-    """(N, R, W, F) what a robot told at the last W ticks: F = M x numbers per point, then its motion."""
-    inbox: Any
-    """(N, P, F) the newest that reached the pair's observer."""
-    inbox_tick: Any
-    """(N, P) the tick at which that was told; -1 for nothing yet."""
-
-
-@kernel
-def _bounded(value, limit):
-    """Clip to [-limit, limit]."""
-    return min(max(value, -limit), limit)
-
-
-@kernel
-def _point(out, at, samples, estimate, n, k, r, i, bare):
-    """Write what robot r has about point i from `at` on; returns the place after it."""
-    seen = samples.seen[n, k, r, i]
-    out[at] = 1.0 if seen else 0.0
-    for j in range(2):
-        value = samples.image[n, k, r, i, j]
-        out[at + 1 + j] = _bounded(value, IMAGE) if seen and value == value else 0.0
-    if bare:
-        return at + BARE_POINT
-    if not estimate.known[n, r, i]:
-        out[at + 3 : at + POINT] = 0.0
-        return at + POINT
-    bearing, rho = estimate.points[n, r, i, 0], estimate.points[n, r, i, 2]
-    out[at + 3] = math.sin(bearing)
-    out[at + 4] = math.cos(bearing)
-    out[at + 5] = _bounded(estimate.points[n, r, i, 1], IMAGE)
-    out[at + 6] = _bounded(rho, IMAGE)
-    relative = math.sqrt(max(estimate.points_covariance[n, r, i, 2, 2], 1e-16)) / max(rho, 1e-6)
-    out[at + 7] = _bounded(math.log(max(relative, 1e-8)), 20.0)
-    return at + POINT
-
-
-@kernel
-def _motion(out, at, reckoned):
-    """Write a dead-reckoned pose."""
-    out[at] = _bounded(reckoned[0], FAR)
-    out[at + 1] = _bounded(reckoned[1], FAR)
-    out[at + 2] = math.sin(reckoned[2])
-    out[at + 3] = math.cos(reckoned[2])
-    return at + MOTION
-
-
-@kernel
-def exchange_mail(world_, samples_, estimate_, mail_, pairs, rows, k, bare):
-    """Each robot tells what it has after sample k, and the newest message that arrived with it is put in the inbox."""
-    world, samples, estimate, mail = World(*world_), Samples(*samples_), Estimate(*estimate_), Mail(*mail_)
-    window = mail.outbox.shape[2]
-    for n in rows:
-        tick = world.tick[n]
-        if tick == 0:
-            mail.inbox_tick[n] = -1
-            mail.inbox[n] = 0.0
-        for r in range(world.pose.shape[1]):
-            told = mail.outbox[n, r, tick % window]
-            at = 0
-            for i in range(world.points.shape[1]):
-                at = _point(told, at, samples, estimate, n, k, r, i, bare)
-            _motion(told, at, world.dead_reckoning[n, r])
-        for p in range(pairs.shape[0]):
-            arrived = samples.arrived[n, k, p]
-            for age in range(min(window, tick + 1)):
-                if (arrived >> np.uint64(age)) & np.uint64(1):
-                    if tick - age > mail.inbox_tick[n, p]:
-                        mail.inbox_tick[n, p] = tick - age
-                        told = mail.outbox[n, pairs[p, 1], (tick - age) % window]
-                        for j in range(told.shape[0]):
-                            mail.inbox[n, p, j] = told[j]
-                    break
-
-
 @kernel
 def _pose(out, at, estimate, n, p):
     """Write the estimate of the other robot's pose and its covariance, for one pair; returns (places) filled."""
-    out[at] = _bounded(estimate.pose[n, p, 0], FAR)
-    out[at + 1] = _bounded(estimate.pose[n, p, 1], FAR)
+    out[at] = bounded(estimate.pose[n, p, 0], FAR)
+    out[at + 1] = bounded(estimate.pose[n, p, 1], FAR)
     out[at + 2] = math.sin(estimate.pose[n, p, 2])
     out[at + 3] = math.cos(estimate.pose[n, p, 2])
 
@@ -198,28 +109,30 @@ def _pose_covariance(out, log_sd, correlation, log_det, cov):
     out[log_sd + 1] = 0.5 * math.log(b)
     out[log_sd + 2] = 0.5 * math.log(c)
     ab, ac, bc = cov[0, 1] / math.sqrt(a * b), cov[0, 2] / math.sqrt(a * c), cov[1, 2] / math.sqrt(b * c)
-    out[correlation] = _bounded(ab, 1.0)
-    out[correlation + 1] = _bounded(ac, 1.0)
-    out[correlation + 2] = _bounded(bc, 1.0)
+    out[correlation] = bounded(ab, 1.0)
+    out[correlation + 1] = bounded(ac, 1.0)
+    out[correlation + 2] = bounded(bc, 1.0)
     inner = 1.0 + 2.0 * ab * ac * bc - ab * ab - ac * ac - bc * bc
-    out[log_det] = _bounded(math.log(a) + math.log(b) + math.log(c) + math.log(max(inner, 1e-12)), 60.0)
+    out[log_det] = bounded(math.log(a) + math.log(b) + math.log(c) + math.log(max(inner, 1e-12)), 60.0)
 
 
 @kernel
-def observe(out, world_, samples_, estimate_, mail_, pairs, last_action, elapsed, limits, rows, bare):
+def observe(out, samples_, estimate_, onboard_, bumps, blocked, pairs, last_action, elapsed, limits, rows, bare):
     """Write the observation of every robot into `out` float32 (N, R, D).
 
     Args:
+        bumps: (N, R) whether something was touched during the action.
+        blocked: (N, R) samples of the action in which the shield held the robot.
         last_action: [-] (N, R, 2).
         elapsed: (N,) actions since the start.
         limits: (2,) actions in an episode, sample period [s].
         bare: whether there is no estimator; then the whole block of samples is shown.
     """
-    world, samples, estimate, mail = World(*world_), Samples(*samples_), Estimate(*estimate_), Mail(*mail_)
-    robots, count = world.pose.shape[1], world.points.shape[1]
+    samples, estimate, onboard = Samples(*samples_), Estimate(*estimate_), Memory(*onboard_)
+    robots, count = samples.seen.shape[2], samples.seen.shape[3]
     block, others = samples.period.shape[1], robots - 1
     last = block - 1
-    window = mail.outbox.shape[2]
+    window = onboard.outbox.shape[2]
     for n in rows:
         shown = 1 if elapsed[n] == 0 else block  # after a reset one sample was taken: it stands last
         for r in range(robots):
@@ -227,23 +140,23 @@ def observe(out, world_, samples_, estimate_, mail_, pairs, last_action, elapsed
             line[0] = last_action[n, r, 0]
             line[1] = last_action[n, r, 1]
             line[2] = min(elapsed[n] / limits[0], 1.0)
-            at = _motion(line, 3, world.dead_reckoning[n, r])
-            line[at] = 1.0 if world.collided[n, r] else 0.0
-            line[at + 1] = world.blocked[n, r] / block
+            at = write_motion(line, 3, onboard.dead_reckoning[n, r])
+            line[at] = 1.0 if bumps[n, r] else 0.0
+            line[at + 1] = blocked[n, r] / block
             at += 2
             if bare:
                 at = _block(line, at, samples, n, r, shown)
             else:
                 for i in range(count):
-                    at = _point(line, at, samples, estimate, n, last, r, i, False)
+                    at = write_point(line, at, samples, estimate, n, last, r, i, False)
             o = 0
             for p in range(pairs.shape[0]):
                 if pairs[p, 0] != r:
                     continue
-                told = mail.inbox[n, p]
+                told = onboard.inbox[n, p]
                 size = told.shape[0] - MOTION
-                heard = mail.inbox_tick[n, p] >= 0
-                line[at + o] = _bounded((world.tick[n] - mail.inbox_tick[n, p]) * limits[1], FAR) if heard else FAR
+                heard = onboard.inbox_tick[n, p] >= 0
+                line[at + o] = bounded((onboard.tick[n] - onboard.inbox_tick[n, p]) * limits[1], FAR) if heard else FAR
                 motion = at + others + o * MOTION
                 points = at + others * (1 + MOTION) + o * size
                 for j in range(MOTION):
@@ -283,7 +196,7 @@ def _block(line, at, samples, n, r, shown):
             line[seen + k * count + i] = 1.0 if sight else 0.0
             for j in range(2):
                 value = samples.image[n, k, r, i, j] if sight else np.float32(0.0)
-                line[image + 2 * (k * count + i) + j] = _bounded(value, IMAGE)
+                line[image + 2 * (k * count + i) + j] = bounded(value, IMAGE)
         for j in range(3):
             line[velocity + 3 * k + j] = samples.odometry[n, k, r, j] if valid else 0.0
     return velocity + 3 * block

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -28,7 +28,7 @@ class RellocParallelEnv(ParallelEnv[str, Any, Any]):
     ends and arguments as in `relloc_env.envs.centralised.RellocEnv`, robot by robot; `infos[robot]` holds the truth.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {
+    metadata = {  # noqa: RUF012 - the form PettingZoo asks for
         "render_modes": ["human", "rgb_array"],
         "name": "relloc_v0",
         "is_parallelizable": True,
@@ -49,7 +49,7 @@ class RellocParallelEnv(ParallelEnv[str, Any, Any]):
         self.possible_agents = list(ROBOT_NAMES[: self.core.config.robots])
         self.agents: list[str] = []
         space = robot_space(self.core)
-        self.observation_spaces = {agent: space for agent in self.possible_agents}
+        self.observation_spaces = dict.fromkeys(self.possible_agents, space)
         self.action_spaces = {agent: spaces.Box(-1.0, 1.0, (2,), np.float32) for agent in self.possible_agents}
         self.state_space = state_space(self.core)
         self._actions = np.zeros((1, self.core.config.robots, 2))
@@ -92,9 +92,7 @@ class RellocParallelEnv(ParallelEnv[str, Any, Any]):
 
     def step(
         self, actions: Mapping[str, Any]
-    ) -> tuple[
-        dict[str, Any], dict[str, float], dict[str, bool], dict[str, bool], dict[str, dict[str, Any]]
-    ]:
+    ) -> tuple[dict[str, Any], dict[str, float], dict[str, bool], dict[str, bool], dict[str, dict[str, Any]]]:
         """Hold one action [-] (2,) of each robot for `samples_per_action` samples.
 
         Raises:

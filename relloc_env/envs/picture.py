@@ -25,7 +25,9 @@ class Picture:
 
     def follow(self, *, new: bool = False) -> None:
         """Note where the robots are; `new` starts the trails afresh."""
-        poses = self._core.simulation.truth.pose[self._n] if not new else self._core.simulation.world.pose[self._n][None]
+        poses = (
+            self._core.simulation.truth.pose[self._n] if not new else self._core.simulation.world.pose[self._n][None]
+        )
         for r, trail in enumerate(self._trails):
             if new:
                 trail.clear()
@@ -95,7 +97,7 @@ def scene(core: "Core", n: int, trails: list[Float]) -> "Scene":
         arena=None if half is None else (-half[0], half[0], -half[1], half[1]),
         obstacles=world.obstacles[n].copy() if len(config.obstacles) else None,
         trails=trails,
-        estimate=None if core.bare else Estimate(*(np.array(part[n]) for part in core.estimate)),
+        estimate=None if core.bare else Estimate(*(np.array(part[n]) for part in core.onboard.estimate)),
         contact=world.contact[n].copy(),
         blocked=world.blocked[n] > 0,
         readings=readings,

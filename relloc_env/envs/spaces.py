@@ -42,13 +42,10 @@ def robot_observation(core: Core, n: int, r: int) -> Float32 | dict[str, Float32
 def joint_observation(core: Core, n: int) -> Float32 | dict[str, Float32]:
     """A fresh copy of what all robots of environment n observe."""
     if core.config.observation == "flat":
-        return core.observation[n].flatten()
+        line: Float32 = core.observation[n].flatten()
+        return line
     lines, where = core.observation[n].copy(), core.slices
-    return {
-        _key(core, r, f.name): lines[r, where[f.name]]
-        for r in range(core.config.robots)
-        for f in core.fields
-    }
+    return {_key(core, r, f.name): lines[r, where[f.name]] for r in range(core.config.robots) for f in core.fields}
 
 
 def joint_slices(core: Core) -> dict[str, slice]:

@@ -6,7 +6,6 @@ import numpy as np
 
 from relloc_env.kernels._compile import kernel
 from relloc_env.kernels.camera import crosses_box, crosses_disc
-from relloc_env.kernels.motion import advance, wrap_angle
 from relloc_env.kernels.streams import IMAGE, NETWORK, ODOMETRY, normal, uniform
 from relloc_env.kernels.world import DISC
 
@@ -38,7 +37,8 @@ def hidden(world, n, r, i, robots):
     b_x, b_y, b_z = world.points[n, i, 0], world.points[n, i, 1], world.points[n, i, 2]
     for other in range(robots.shape[0]):
         if other != r:
-            at = crosses_disc(a_x, a_y, b_x, b_y, world.pose[n, other, 0], world.pose[n, other, 1], robots[other].radius)
+            c_x, c_y = world.pose[n, other, 0], world.pose[n, other, 1]
+            at = crosses_disc(a_x, a_y, b_x, b_y, c_x, c_y, robots[other].radius)
             if at >= 0.0 and a_z + at * (b_z - a_z) < robots[other].height:
                 return True
     obstacles = world.obstacles[n]
@@ -93,8 +93,8 @@ def look(world, samples, n, k, robots):
 
 
 @kernel
-def measure_motion(world, samples, n, k, params, robots):
-    """Fill the odometry of sample k: the true mean velocity with noise, and the dead reckoning that follows from it.
+def measure_motion(world, samples, n, k, robots):
+    """Fill the odometry of sample k: the true mean velocity with noise.
 
     The wheels measure speed along the heading and yaw rate; a slide to the side goes unnoticed.
     """
@@ -105,17 +105,9 @@ def measure_motion(world, samples, n, k, params, robots):
             v += robots[r].odometry_v * normal(stream)
         if robots[r].odometry_w > 0.0:
             w += robots[r].odometry_w * normal(stream)
-        v, w = np.float32(v), np.float32(w)
         samples.odometry[n, k, r, 0] = v
         samples.odometry[n, k, r, 1] = 0.0
         samples.odometry[n, k, r, 2] = w
-        reckoned = world.dead_reckoning
-        x, y, theta = advance(
-            reckoned[n, r, 0], reckoned[n, r, 1], reckoned[n, r, 2], np.float64(v), 0.0, np.float64(w), params.dt
-        )
-        reckoned[n, r, 0] = x
-        reckoned[n, r, 1] = y
-        reckoned[n, r, 2] = wrap_angle(theta)
 
 
 @kernel

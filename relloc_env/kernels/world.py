@@ -29,8 +29,6 @@ class World(NamedTuple):
     """[m, m, rad] (N, R, 3) where this sample's motion leads."""
     command: Any
     """[m/s, rad/s] (N, R, 2)"""
-    dead_reckoning: Any
-    """[m, m, rad] (N, R, 3) odometry summed up since the start, in the frame of the start."""
     points: Any
     """[m] (N, M, 3) targets in the world, z above the floor."""
     obstacles: Any
@@ -146,9 +144,9 @@ def _too_close(world, n, r, v, w, params):
     for i in range(world.points.shape[1]):
         p_x, p_y = world.points[n, i, 0], world.points[n, i, 1]
         end = (e_x - p_x) * (e_x - p_x) + (e_y - p_y) * (e_y - p_y)
-        if end < params.shield_target * params.shield_target:
-            if end < (x - p_x) * (x - p_x) + (y - p_y) * (y - p_y):
-                return True
+        now = (x - p_x) * (x - p_x) + (y - p_y) * (y - p_y)
+        if end < params.shield_target * params.shield_target and end < now:
+            return True
     end = clearance(e_x, e_y, params.half_x, params.half_y, world.obstacles[n])
     return end < params.shield_wall and end < clearance(x, y, params.half_x, params.half_y, world.obstacles[n])
 
