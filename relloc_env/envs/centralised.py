@@ -67,7 +67,7 @@ class RellocEnv(gym.Env[Any, Any]):
         self.core = open_core(config, 1, estimator, options)
         self.render_mode = check_render_mode(render_mode)
         self.metadata = {**self.metadata, "render_fps": frames_per_second(self.core)}
-        self.observation_space = joint_space(self.core)
+        self.observation_space = joint_space(self.core.config)
         self.action_space = spaces.Box(-1.0, 1.0, (2 * self.core.config.robots,), np.float32)
         self._shape = (2 * self.core.config.robots,)
         self._running = False

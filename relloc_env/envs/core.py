@@ -77,7 +77,8 @@ class Core:
             self._score_, self._world_, self._first_truth_, self.onboard.estimate_, self._known_, simulation.pairs,
             self._work, rows,
         )  # fmt: skip
-        for block, one in zip(simulation.samples, simulation.first, strict=True):
+        blocks: tuple[NDArray[Any], ...] = simulation.samples
+        for block, one in zip(blocks, simulation.first, strict=True):
             block[rows, -1] = one[rows, 0]
         self._observe(rows)
 

@@ -50,7 +50,7 @@ def fields(config: EnvConfig) -> list[Field]:
             Field("valid", (k,), 0.0, 1.0, "1 for samples taken: all, or the last alone after a reset"),
             Field("image", (k, m, 2), -IMAGE, IMAGE, "image points, normalised; 0 where not seen"),
             Field("seen", (k, m), 0.0, 1.0, "1 where a point is seen"),
-            Field("velocity", (k, 3), -10.0, 10.0, "odometry: forward, left [m/s], yaw rate [rad/s]"),
+            Field("velocity", (k, 3), -FAR, FAR, "odometry: forward, left [m/s], yaw rate [rad/s]"),
         ]
         told += [
             Field("message_points", (others, m, BARE_POINT), -IMAGE, IMAGE, "seen, x, y of each point, as told"),

@@ -48,7 +48,7 @@ class RellocParallelEnv(ParallelEnv[str, Any, Any]):
         self.metadata = {**self.metadata, "render_fps": frames_per_second(self.core)}
         self.possible_agents = list(ROBOT_NAMES[: self.core.config.robots])
         self.agents: list[str] = []
-        space = robot_space(self.core)
+        space = robot_space(self.core.config)
         self.observation_spaces = dict.fromkeys(self.possible_agents, space)
         self.action_spaces = {agent: spaces.Box(-1.0, 1.0, (2,), np.float32) for agent in self.possible_agents}
         self.state_space = state_space(self.core)

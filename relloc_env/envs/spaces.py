@@ -5,27 +5,30 @@ from typing import Any
 import numpy as np
 from gymnasium import spaces
 
+from relloc_env.config import EnvConfig
 from relloc_env.envs.core import ROBOT_NAMES, Core
+from relloc_env.envs.observation import bounds, fields
 from relloc_env.samples import Float32
 
 
-def robot_space(core: Core) -> spaces.Space[Any]:
+def robot_space(config: EnvConfig) -> spaces.Space[Any]:
     """Space of one robot's observation: a flat `Box`, or a `Dict` of its fields, each a vector."""
-    if core.config.observation == "flat":
-        return spaces.Box(core.low.copy(), core.high.copy(), dtype=np.float32)
-    return spaces.Dict({f.name: spaces.Box(f.low, f.high, (f.size,), np.float32) for f in core.fields})
+    if config.observation == "flat":
+        return spaces.Box(*bounds(config), dtype=np.float32)
+    return spaces.Dict({f.name: spaces.Box(f.low, f.high, (f.size,), np.float32) for f in fields(config)})
 
 
-def joint_space(core: Core) -> spaces.Space[Any]:
+def joint_space(config: EnvConfig) -> spaces.Space[Any]:
     """Space of all robots' observations: one flat `Box`, or a flat `Dict` with keys `robot_a/field`."""
-    robots = core.config.robots
-    if core.config.observation == "flat":
-        return spaces.Box(np.tile(core.low, robots), np.tile(core.high, robots), dtype=np.float32)
+    robots = config.robots
+    if config.observation == "flat":
+        low, high = bounds(config)
+        return spaces.Box(np.tile(low, robots), np.tile(high, robots), dtype=np.float32)
     return spaces.Dict(
         {
-            _key(core, r, f.name): spaces.Box(f.low, f.high, (f.size,), np.float32)
+            _key(config, r, f.name): spaces.Box(f.low, f.high, (f.size,), np.float32)
             for r in range(robots)
-            for f in core.fields
+            for f in fields(config)
         }
     )
 
@@ -45,19 +48,21 @@ def joint_observation(core: Core, n: int) -> Float32 | dict[str, Float32]:
         line: Float32 = core.observation[n].flatten()
         return line
     lines, where = core.observation[n].copy(), core.slices
-    return {_key(core, r, f.name): lines[r, where[f.name]] for r in range(core.config.robots) for f in core.fields}
+    return {
+        _key(core.config, r, f.name): lines[r, where[f.name]] for r in range(core.config.robots) for f in core.fields
+    }
 
 
 def joint_slices(core: Core) -> dict[str, slice]:
     """Where each field is in the flat joint observation, by the keys of the joint `Dict`."""
     size = core.low.size
     return {
-        _key(core, r, name): slice(r * size + part.start, r * size + part.stop)
+        _key(core.config, r, name): slice(r * size + part.start, r * size + part.stop)
         for r in range(core.config.robots)
         for name, part in core.slices.items()
     }
 
 
-def _key(core: Core, r: int, name: str) -> str:
+def _key(config: EnvConfig, r: int, name: str) -> str:
     """A field's name in the joint observation; one robot alone needs no prefix."""
-    return name if core.config.robots == 1 else f"{ROBOT_NAMES[r]}/{name}"
+    return name if config.robots == 1 else f"{ROBOT_NAMES[r]}/{name}"

@@ -1,0 +1,174 @@
+"""Wrappers: estimator state around a bare environment; an episode written as a log."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+
+from relloc_env.config import ConfigError, validate
+from relloc_env.envs.centralised import RellocEnv
+from relloc_env.envs.core import ROBOT_NAMES
+from relloc_env.envs.observation import observe, slices
+from relloc_env.envs.onboard import Onboard
+from relloc_env.envs.spaces import joint_space
+from relloc_env.logs.episode import LogWriter
+from relloc_env.samples import Estimate, Float32, Prior, empty_samples
+
+_ROW = np.zeros(1, np.int64)
+
+
+class EstimateObservation(gym.Wrapper[Any, Any, Any, Any]):
+    """Run an estimator on what a bare environment shows, and show what the composed environment would.
+
+    The bare environment (`estimator=None`, flat) shows the block of samples of each action. This wrapper feeds it to
+    any estimator and gives the observation that the environment with that estimator inside gives, to the last bit.
+
+    Args:
+        env: a bare environment of this package.
+        estimator: a name, a configuration, or an object that follows `relloc_env.estimators.Estimator`.
+
+    Raises:
+        ConfigError: an environment that is not bare and flat, or an unknown estimator.
+    """
+
+    def __init__(self, env: gym.Env[Any, Any], estimator: Any = "cascade-critical") -> None:
+        super().__init__(env)
+        inner = env.unwrapped
+        if not isinstance(inner, RellocEnv) or not inner.core.bare or inner.config.observation != "flat":
+            raise ConfigError("Argument `env` must be a flat environment of relloc_env with `estimator=None`")
+        own = estimator if hasattr(estimator, "update") and hasattr(estimator, "estimate") else None
+        # An estimator of the user's own is observed like any other: the built-in name only sets the layout.
+        chosen = "cascade" if own is not None else estimator
+        self._config = validate(
+            type(inner.config), {**inner.config.model_dump(exclude_unset=True), "estimator": chosen}
+        )
+        self._onboard = Onboard(self._config, 1, own)
+        self._bare, self._full = slices(inner.config), slices(self._config)
+        self._common = [name for name in self._full if name in self._bare and name != "message_points"]
+        n, k, r, m = 1, self._config.samples_per_action, self._config.robots, self._config.targets
+        pairs = len(self._onboard.pairs)
+        self._samples, self._first = empty_samples(n, k, r, m, pairs), empty_samples(n, 1, r, m, pairs)
+        self.observation_space = joint_space(self._config)
+        self._lines: Float32 = np.zeros((1, r, self._full[next(reversed(self._full))].stop), np.float32)
+        self._limits = np.array([self._config.max_cycles, self._config.sample_period])
+
+    @property
+    def estimate(self) -> Estimate:
+        """What the estimator believes; arrays with a leading axis of one environment."""
+        return self._onboard.estimate
+
+    @property
+    def field_slices(self) -> dict[str, slice]:
+        """Where each named field is in one robot's part of the observation."""
+        return dict(self._full)
+
+    def reset(
+        self, *, seed: int | None = None, options: Mapping[str, Any] | None = None
+    ) -> tuple[Float32, dict[str, Any]]:
+        """Start an episode, and the estimator from what the robots are told (`info["prior"]`)."""
+        observation, info = self.env.reset(seed=seed, options=dict(options) if options is not None else None)
+        told = info["prior"]
+        self._read(observation)
+        for block, one in zip(self._samples, self._first, strict=True):
+            one[:, 0] = block[:, -1]
+        self._first.period[:] = 0.0
+        prior = Prior(told["depth"][None], told["pose"][None], told["depth_sd"], told["pose_sd"])
+        self._onboard.reset(prior, self._first, _ROW)
+        return self._show(observation, started=True), info
+
+    def step(self, action: Any) -> tuple[Float32, float, bool, bool, dict[str, Any]]:
+        """Act, and let the estimator take in the samples of the action."""
+        observation, reward, terminated, truncated, info = self.env.step(action)
+        self._read(observation)
+        self._onboard.update(self._samples, _ROW)
+        return self._show(observation, started=False), float(reward), terminated, truncated, info
+
+    def _read(self, observation: Float32) -> None:
+        """Turn a bare observation back into samples."""
+        samples, config = self._samples, self._config
+        lines = observation.reshape(config.robots, -1)
+        k, m, window = config.samples_per_action, config.targets, config.message_window
+        samples.period[:] = config.sample_period
+        ages = np.uint64(1) << np.arange(window, dtype=np.uint64)
+        for r, line in enumerate(lines):
+            samples.image[0, :, r] = line[self._bare["image"]].reshape(k, m, 2)
+            samples.seen[0, :, r] = line[self._bare["seen"]].reshape(k, m) > 0.5
+            samples.odometry[0, :, r] = line[self._bare["velocity"]].reshape(k, 3)
+            own = np.flatnonzero(self._onboard.pairs[:, 0] == r)
+            if own.size:
+                arrived = line[self._bare["arrived"]].reshape(k, own.size, window) > 0.5
+                samples.arrived[0][:, own] = (arrived * ages).sum(axis=2, dtype=np.uint64)
+
+    def _show(self, observation: Float32, *, started: bool) -> Float32:
+        """The composed observation: the bare one's fields as they are, and the estimator's."""
+        robots = self._config.robots
+        none, zero = np.zeros((1, robots), np.bool_), np.zeros((1, robots), np.int64)
+        onboard = self._onboard
+        observe(
+            self._lines, tuple(self._samples), onboard.estimate_, onboard.memory_, none, zero, onboard.pairs,
+            np.zeros((1, robots, 2)), np.array([0 if started else 1]), self._limits, _ROW, False,
+        )  # fmt: skip
+        bare = observation.reshape(robots, -1)
+        for name in self._common:
+            self._lines[0, :, self._full[name]] = bare[:, self._bare[name]]
+        line: Float32 = self._lines[0].flatten()
+        return line
+
+
+class RecordLog(gym.Wrapper[Any, Any, Any, Any]):
+    """Write every episode as a log that `relloc_env.replay` and `python -m relloc_env replay` read.
+
+    An episode is written to `folder/episode_000`, `episode_001`, … when it ends, or when the next one starts.
+
+    Args:
+        env: an environment of this package.
+        folder: where the logs go.
+        truth: whether to write the truth beside the samples; replays need it to score.
+    """
+
+    def __init__(self, env: gym.Env[Any, Any], folder: str | Path, *, truth: bool = True) -> None:
+        super().__init__(env)
+        inner = env.unwrapped
+        if not isinstance(inner, RellocEnv):
+            raise ConfigError(f"Argument `env` must be an environment of relloc_env, but is {type(inner).__name__}")
+        self._core, self._folder, self._truth = inner.core, Path(folder), truth
+        self._writer: LogWriter | None = None
+        self._episode = 0
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+        """Finish the log of the last episode, if there is one, and begin the next."""
+        self._finish()
+        result = self.env.reset(seed=seed, options=options)
+        simulation = self._core.simulation
+        self._writer = LogWriter(
+            self._folder / f"episode_{self._episode:03d}",
+            simulation.prior,
+            simulation.world.points[0] if self._truth else None,
+            robots=ROBOT_NAMES[: self._core.config.robots],
+            configuration=self._core.config.to_dict(),
+        )
+        self._writer.add(simulation.first, simulation.first_truth.pose[0] if self._truth else None)
+        return result
+
+    def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
+        """Act, and note the samples; the log is written at the end of the episode."""
+        result = self.env.step(action)
+        if self._writer is not None:
+            simulation = self._core.simulation
+            self._writer.add(simulation.samples, simulation.truth.pose[0] if self._truth else None)
+        if result[2] or result[3]:
+            self._finish()
+        return result
+
+    def close(self) -> None:
+        """Write what is left."""
+        self._finish()
+        super().close()
+
+    def _finish(self) -> None:
+        if self._writer is not None:
+            self._writer.close()
+            self._writer = None
+            self._episode += 1
