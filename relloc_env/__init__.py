@@ -1,9 +1,10 @@
 """relloc_env: two ground robots, a camera on each, and the motion that lets them find depth and one another.
 
-Importing this registers the Gymnasium ids `relloc_env/ActiveDepth-v0` and `relloc_env/RelativePose-v0`. Compiled
-kernels load with the first environment, not here.
+Importing this registers the ids `relloc_env/ActiveDepth-v0` and `relloc_env/RelativePose-v0` with Gymnasium, and with
+PettingZoo where that is loaded. Compiled kernels load with the first environment, not here.
 """
 
+import sys
 from typing import TYPE_CHECKING, Any
 
 import gymnasium as _gymnasium
@@ -15,21 +16,31 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 __all__ = ["env", "parallel_env"]
 
-_DOORS = {"env": "relloc_env.envs.aec", "parallel_env": "relloc_env.envs.parallel"}
+_DOORS = {"env": "relloc_env.envs.aec:env", "parallel_env": "relloc_env.envs.parallel:parallel_env"}
+_ROBOTS = {"relloc_env/ActiveDepth-v0": 1, "relloc_env/RelativePose-v0": 2}
 
-for _id, _robots in (("relloc_env/ActiveDepth-v0", 1), ("relloc_env/RelativePose-v0", 2)):
-    if _id not in _gymnasium.registry:
-        _gymnasium.register(
-            id=_id,
-            entry_point="relloc_env.envs.centralised:RellocEnv",
-            kwargs={"robots": _robots},
-            nondeterministic=False,
-        )
+
+def _register() -> None:
+    """Enter the ids into the registries that are loaded; doing it again does nothing."""
+    for name, robots in _ROBOTS.items():
+        if name not in _gymnasium.registry:
+            _gymnasium.register(id=name, entry_point="relloc_env.envs.centralised:RellocEnv", kwargs={"robots": robots})
+        pettingzoo = sys.modules.get("pettingzoo")
+        if hasattr(pettingzoo, "parallel_registry"):  # from 1.27
+            for kind, door in (("aec", "env"), ("parallel", "parallel_env")):
+                if name not in getattr(pettingzoo, f"{kind}_registry"):
+                    pettingzoo.register(kind, name, entry_point=_DOORS[door], kwargs={"robots": robots})
+
+
+_register()
 
 
 def __getattr__(name: str) -> Any:
     if name in _DOORS:
         from importlib import import_module
 
-        return getattr(import_module(_DOORS[name]), name)
+        module, attribute = _DOORS[name].split(":")
+        door = getattr(import_module(module), attribute)
+        _register()  # PettingZoo is loaded by now
+        return door
     raise AttributeError(f"module 'relloc_env' has no attribute {name!r}")

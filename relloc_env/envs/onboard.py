@@ -7,6 +7,7 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from relloc_env.config import EnvConfig
 from relloc_env.estimators.config import CascadeConfig, MapAlignmentConfig
@@ -169,8 +170,9 @@ class Onboard:
         if self._single is None:
             self._take(samples, rows)
             return
+        single: tuple[NDArray[Any], ...] = self._single
         for k in range(samples.period.shape[1]):
-            for field, block in zip(self._single, samples, strict=True):
+            for field, block in zip(single, samples, strict=True):
                 field[rows, 0] = block[rows, k]
             self._take(self._single, rows)
 

@@ -7,6 +7,7 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
+import pettingzoo
 import pytest
 from gymnasium import wrappers
 from gymnasium.utils.env_checker import check_env
@@ -126,3 +127,13 @@ def test_id_without_import(name: str) -> None:
     env = gym.make(f"relloc_env:{name}")
     observation, _ = env.reset(seed=0)
     assert env.observation_space.contains(observation)
+
+
+@pytest.mark.parametrize("name", IDS)
+def test_pettingzoo_registry(name: str) -> None:
+    if not hasattr(pettingzoo, "parallel_registry"):
+        pytest.skip("PettingZoo before 1.27 has no registry")
+    env = pettingzoo.make("parallel", name, max_cycles=3)
+    observations, _ = env.reset(seed=0)
+    assert set(observations) == set(env.agents)
+    assert pettingzoo.make("aec", name).possible_agents == env.possible_agents
