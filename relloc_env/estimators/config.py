@@ -68,6 +68,8 @@ class CascadeConfig(EstimatorOptions):
     """[-] standard deviation of normalised image coordinates."""
     odometry_noise: tuple[NonNegativeFloat, NonNegativeFloat] = (0.01, 0.01)
     """[m/s, rad/s] standard deviation of the odometry of one sample: each speed, yaw rate."""
+    grid_period: PositiveFloat | None = 0.2
+    """[s] while the heading is uncertain, the pose comes from a grid of headings, renewed this often. None: never."""
     unheard_sd: tuple[NonNegativeFloat, NonNegativeFloat] = (0.1, 0.2)
     """[m/s, rad/s] how far the other robot's velocity may be from the last one heard while no message comes."""
     max_gap: PositiveFloat = 0.3
@@ -118,6 +120,8 @@ class MapAlignmentConfig(EstimatorOptions):
     """[samples] between two alignments; `update`: one at the last sample of each update (of each action)."""
     challenger_every: Annotated[int, Field(ge=1)] = 1
     """[alignments] between two challengers of the global search."""
+    grid_period: PositiveFloat | None = 0.2
+    """[s] while the heading is uncertain, the pose comes from a grid of headings, renewed this often. None: never."""
     unheard_sd: tuple[NonNegativeFloat, NonNegativeFloat] = (0.1, 0.2)
     """[m/s, rad/s] how far the other robot's velocity may be from the last one heard while no message comes."""
     iterations: Annotated[int, Field(ge=1)] = 30

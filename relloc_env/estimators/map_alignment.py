@@ -70,6 +70,7 @@ class MapAlignment:
             silence=np.full((n, p), message_window, dtype=np.int64),
             age=np.full((n, p), -1, dtype=np.int64),
             pending=np.zeros((n, p), dtype=np.bool_),
+            since_grid=np.zeros((n, p)),
             aligned=np.zeros((n, p), dtype=np.bool_),
             turn=np.zeros((n, p), dtype=np.int64),
         )
@@ -94,6 +95,7 @@ class MapAlignment:
         maps.depth_sd[rows] = prior.depth_sd
         pairs.silence[rows] = maps.state.shape[1]
         pairs.age[rows] = -1
+        pairs.since_grid[rows] = math.inf
         covariance = np.diag(np.square(prior.pose_sd))
         for mean in (pairs.prior, pairs.mode, pairs.anchored, pairs.pose):
             mean[rows] = prior.pose[rows]
@@ -103,7 +105,7 @@ class MapAlignment:
 
     def update(self, samples: Samples, rows: Rows) -> None:
         """Take the K samples in, in order."""
-        problem, starts, work = scratch(self._maps.depth.shape[2], self._maps.state.shape[3])
+        problem, starts, nodes, work = scratch(self._maps.depth.shape[2], self._maps.state.shape[3])
         take_samples(
             rows,
             samples.period,
@@ -118,6 +120,7 @@ class MapAlignment:
             self._heights,
             problem,
             starts,
+            nodes,
             work,
         )
         self._refresh(rows)
@@ -182,6 +185,7 @@ def _options(config: MapAlignmentConfig) -> Options:
         height_sd=config.height_sd,
         every=0 if config.align_every == "update" else config.align_every,
         challenger_every=config.challenger_every,
+        grid_period=config.grid_period or 0.0,
         iterations=config.iterations,
         tolerance=config.tolerance,
         unheard_speed_variance=config.unheard_sd[0] ** 2,

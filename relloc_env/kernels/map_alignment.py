@@ -16,6 +16,7 @@ from relloc_env.kernels.alignment import (
     start_at,
     start_from_heading,
 )
+from relloc_env.kernels.heading_grid import CIRCLE_NODES, heading_grid
 from relloc_env.kernels.map_tracking import observe
 from relloc_env.kernels.motion import wrap_angle
 from relloc_env.kernels.pair_tracking import keep_pair, show_pose
@@ -28,6 +29,10 @@ SECOND_COST = 12.0
 """[-] an optimum whose J is higher by less is kept as a second mode."""
 SECOND_HEADING = 0.03
 """[rad] two optima whose headings differ by less are one."""
+
+
+GRID_SD = 0.02
+"""[rad] standard deviation of the heading above which the pose comes from a grid of headings."""
 
 
 @kernel
@@ -44,14 +49,14 @@ def mix(mean, covariance, other, other_covariance, weight):
 
 
 @kernel
-def align_pair(maps, pairs, options, heights, problem, starts, n, p, a, b, work):
+def align_pair(maps, pairs, options, heights, problem, starts, nodes, n, p, a, b, work):
     """Align the maps of a pair at its anchor: from the optimum carried forward, from one challenger, from the second.
 
     Args:
         maps, pairs, options: see there.
         heights: (R,) [m] of the cameras.
         problem: the workspace of the alignment.
-        starts: (≥ 2, 3 M + 4) scratch.
+        starts: (≥ 2, 3 M + 4) and nodes: (≥ CIRCLE_NODES, ≥ 7) scratch.
         n, p, a, b: environment, pair, observer and observed.
         work: (≥ 6, ≥ 3) scratch.
     """
@@ -107,22 +112,46 @@ def align_pair(maps, pairs, options, heights, problem, starts, n, p, a, b, work)
             pose_covariance(problem, m, other_cov)
     if not cost < math.inf:
         return
-    anchored, anchored_covariance = pairs.anchored[n, p], pairs.anchored_covariance[n, p]
     for i in range(3):
-        mode[i] = anchored[i] = best[last + i]
-        for j in range(3):
-            anchored_covariance[i, j] = cov[i, j]
+        mode[i] = best[last + i]
     apart = abs(wrap_angle(second[2] - mode[2])) > SECOND_HEADING
     pairs.has_second[n, p] = apart and rival_cost - cost < SECOND_COST
+    anchored, anchored_cov = pairs.anchored[n, p], pairs.anchored_covariance[n, p]
+    pairs.aligned[n, p] = True
+    sd = math.sqrt(max(anchored_cov[2, 2], cov[2, 2]))
+    if options.grid_period > 0.0 and sd > GRID_SD:
+        if pairs.since_grid[n, p] < options.grid_period:
+            return
+        pairs.since_grid[n, p] = 0.0
+        node_cost = heading_grid(
+            problem,
+            m,
+            best,
+            anchored[2],
+            sd,
+            options.iterations,
+            options.tolerance,
+            nodes,
+            other,
+            anchored,
+            anchored_cov,
+        )
+        if node_cost < cost:
+            for i in range(3):
+                mode[i] = other[last + i]
+        return
+    for i in range(3):
+        anchored[i] = mode[i]
+        for j in range(3):
+            anchored_cov[i, j] = cov[i, j]
     if pairs.has_second[n, p]:
         log_odds = 0.5 * (rival_cost - cost + rival_log_det - log_det)
-        mix(anchored, anchored_covariance, second, other_cov, 1.0 / (1.0 + math.exp(min(log_odds, 700.0))))
-    pairs.aligned[n, p] = True
+        mix(anchored, anchored_cov, second, other_cov, 1.0 / (1.0 + math.exp(min(log_odds, 700.0))))
 
 
 @kernel
 def take_samples(
-    rows, period, odometry, image, seen, arrived, maps, pairs, options, ends, heights, problem, starts, work
+    rows, period, odometry, image, seen, arrived, maps, pairs, options, ends, heights, problem, starts, nodes, work
 ):
     """Take all K samples of the environments `rows` in, in order.
 
@@ -132,7 +161,7 @@ def take_samples(
         maps, pairs, options: what is remembered, and the numbers of the configuration.
         ends: (P, 2) observer and observed of each pair.
         heights: (R,) [m] of the cameras.
-        problem, starts, work: scratch.
+        problem, starts, nodes, work: scratch; see `scratch`.
     """
     count = seen.shape[1]
     for index in range(rows.shape[0]):
@@ -143,14 +172,15 @@ def take_samples(
             maps.ticks[n] += 1
             for p in range(ends.shape[0]):
                 a, b = ends[p, 0], ends[p, 1]
+                pairs.since_grid[n, p] += period[n, k]
                 renewed = keep_pair(maps, pairs, options, n, p, a, b, arrived[n, k, p], work)
                 if due and pairs.pending[n, p]:
-                    align_pair(maps, pairs, options, heights, problem, starts, n, p, a, b, work)
+                    align_pair(maps, pairs, options, heights, problem, starts, nodes, n, p, a, b, work)
                     pairs.pending[n, p] = False
                     renewed = True
                 show_pose(maps, pairs, options, n, p, a, renewed, work)
 
 
-def scratch(points: int, size: int) -> tuple[Problem, Float, Float]:
+def scratch(points: int, size: int) -> tuple[Problem, Float, Float, Float]:
     """Return the scratch that `take_samples` needs for maps of `size` numbers."""
-    return make_problem(points), np.zeros((2, 3 * points + 4)), np.zeros((max(size, 6), 3))
+    return make_problem(points), np.zeros((2, 3 * points + 4)), np.zeros((CIRCLE_NODES, 7)), np.zeros((max(size, 6), 3))

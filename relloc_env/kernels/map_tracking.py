@@ -55,6 +55,7 @@ class Options(NamedTuple):
     height_sd: float
     every: int
     challenger_every: int
+    grid_period: float
     iterations: int
     tolerance: float
     unheard_speed_variance: float

@@ -50,6 +50,8 @@ class Pairs(NamedTuple):
     """(N, P) samples since the anchor; -1 before the first one."""
     pending: Bool
     """(N, P) whether the anchor has moved since the last alignment."""
+    since_grid: Float
+    """(N, P) [s] since the pose last came from a grid of headings."""
     aligned: Bool
     """(N, P) whether there was any alignment yet."""
     turn: Int

@@ -98,7 +98,8 @@ def test_the_minimum_and_its_covariance_are_scipys_5_cases_each(points: int, hei
         fit = least_squares(case.residuals, case.start(), method="lm", xtol=1e-14, ftol=1e-14, gtol=1e-14)
         assert_allclose(cost, 2.0 * fit.cost, rtol=1e-8, atol=1e-9)
         assert_allclose(y[:n], fit.x, atol=1e-5)
-        hessian = fit.jac.T @ fit.jac
+        jac: Float = np.asarray(fit.jac, dtype=np.float64)
+        hessian = jac.T @ jac
         assert_allclose(log_det, np.linalg.slogdet(hessian)[1], rtol=1e-4)
         covariance = np.empty((3, 3))
         alignment.pose_covariance(problem, points, covariance)

@@ -62,7 +62,8 @@ def test_transfer_jacobian_by_finite_differences_100_cases() -> None:
 def test_arc_jacobian_by_finite_differences(w: float) -> None:
     at = np.array([0.3, -0.1, w])
     numeric = jacobian(lambda u: np.array(arc(u[0], u[1], u[2], 0.2))[:2], at, 1e-5)
-    assert_allclose(np.array(local_map.arc_jacobian(*at, 0.2)).reshape(3, 2).T, numeric, atol=1e-10)
+    analytic: Float = np.array(local_map.arc_jacobian(*at, 0.2)).reshape(3, 2).T
+    assert_allclose(analytic, numeric, atol=1e-10)
 
 
 def test_image_noise_by_finite_differences_50_cases() -> None:
@@ -103,7 +104,10 @@ def test_prediction_is_that_of_dense_matrices_20_cases(calibrated: bool) -> None
             scale = np.array([state[-4], state[-4], state[-3]]) if calibrated else np.ones(3)
             return move(state, u + du / scale)
 
-        f, g = jacobian(lambda s, u=u: move(s, u), state), jacobian(velocity_moves, np.zeros(3))
+        def state_moves(values: Float, u: Float = u) -> Float:
+            return move(values, u)
+
+        f, g = jacobian(state_moves, state), jacobian(velocity_moves, np.zeros(3))
         for i in unused:
             f[i] = 0.0
         expected_state, expected = move(state, u), f @ covariance @ f.T + g @ np.diag(variances) @ g.T
