@@ -27,15 +27,15 @@ SCENARIOS: dict[str, dict[str, Any]] = {
     },
     "paper-simulation": _PAPER
     | {
-        "poses": [(0.0, 0.0, 0.0), (-0.5, 1.5, math.radians(-10.0))],
+        "poses": [(0.0, 0.0, 0.0), (-1.0, -1.5, math.radians(10.0))],
         "points": [(5.0, 0.0, 0.3), (5.0, -5.0, -4.7)],
         "guess": {"kind": "positive", "depth": 1.0, "position": 1.5, "heading": 15.0},
     },
     "paper-experiment": _PAPER
     | {
         "camera": {"width": 640, "height": 480, "field_of_view": 80.0, "pixel_noise": 0.0},
-        "poses": [(0.0, 0.0, 0.0), (2.3, -2.3, math.radians(91.0))],
-        "points": [(8.5, 6.1, 1.5), (6.2, 4.0, 1.9)],
+        "poses": [(0.0, 0.0, 0.0), (0.3, 1.1, math.radians(61.0))],
+        "points": [(5.8, 3.9, 1.3), (9.1, 6.0, 2.8)],
         "guess": {"kind": "positive", "depth": 1.0, "position": 1.5, "heading": 60.0},
     },
 }
