@@ -38,8 +38,8 @@ ROBOT = np.dtype(
         "radius", "height", "max_speed", "min_speed", "max_yaw_rate", "gain_v", "gain_w", "actuator_v", "actuator_w",
         "odometry_v", "odometry_w", "focal_length", "centre_x", "centre_y", "mount_height", "pixel_noise",
         "quantisation", "near", "far", "miss_probability", "x_min", "x_max", "y_min", "y_max", "image_noise",
-    )]
-    + [("frame_every", np.int64)],
+        "frames_per_sample",
+    )],
     align=True,
 )  # fmt: skip
 """Numbers of one robot and its camera that kernels read."""
@@ -119,7 +119,7 @@ def pack_robots(config: EnvConfig) -> NDArray[np.void]:
             "y_min": -centre_y / focal if camera.limited else -inf,
             "y_max": (camera.height - centre_y) / focal if camera.limited else inf,
             "image_noise": camera.image_noise,
-            "frame_every": 1 if camera.frame_rate is None else round(config.sample_rate / camera.frame_rate),
+            "frames_per_sample": 1.0 if camera.frame_rate is None else camera.frame_rate / config.sample_rate,
         }
         for name, value in values.items():
             rows[name][r] = value

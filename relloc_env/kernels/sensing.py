@@ -32,9 +32,14 @@ def in_image(world, n, r, i, robots):
 
 @kernel
 def hidden(world, n, r, i, robots):
-    """Whether an obstacle or another robot stands in the line of sight from robot r's camera to target i."""
+    """Whether an obstacle or another robot stands in the line of sight from robot r's camera to target i.
+
+    The line is followed from its lower end a: where it first crosses a body is where it is lowest above it.
+    """
     a_x, a_y, a_z = world.pose[n, r, 0], world.pose[n, r, 1], robots[r].mount_height
     b_x, b_y, b_z = world.points[n, i, 0], world.points[n, i, 1], world.points[n, i, 2]
+    if b_z < a_z:
+        a_x, a_y, a_z, b_x, b_y, b_z = b_x, b_y, b_z, a_x, a_y, a_z
     for other in range(robots.shape[0]):
         if other != r:
             c_x, c_y = world.pose[n, other, 0], world.pose[n, other, 1]
@@ -66,12 +71,18 @@ def _detect(x, focal, centre, noise, step, stream):
 
 
 @kernel
+def _frame_due(tick, rate):
+    """Whether a camera with `rate` <= 1 frames per sample takes one at this tick: the first, and each that is due."""
+    return tick == 0 or math.floor(tick * rate + 1e-9) > math.floor((tick - 1) * rate + 1e-9)
+
+
+@kernel
 def look(world, samples, n, k, robots):
     """Fill image points and visibility of sample k."""
     stream = world.streams[n, IMAGE]
     for r in range(robots.shape[0]):
         robot = robots[r]
-        frame = world.tick[n] % robot.frame_every == 0
+        frame = _frame_due(world.tick[n], robot.frames_per_sample)
         for i in range(world.points.shape[1]):
             inside, x, y = in_image(world, n, r, i, robots)
             inside = inside and not hidden(world, n, r, i, robots)

@@ -167,6 +167,8 @@ def _keep_apart(world, n, a, b, params):
         return
     a_nearer = _distance2(pending[n, a, 0], pending[n, a, 1], pose[n, b, 0], pose[n, b, 1]) < now
     b_nearer = _distance2(pose[n, a, 0], pose[n, a, 1], pending[n, b, 0], pending[n, b, 1]) < now
+    if not a_nearer and not b_nearer:  # abreast: each alone would get ahead of the other, both together close in
+        a_nearer = b_nearer = True
     if a_nearer:
         world.blocked[n, a] += 1
         _propose(world, n, a, 0.0, world.wheels[n, a, 1], params.dt)
