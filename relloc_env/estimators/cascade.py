@@ -48,26 +48,21 @@ class Cascade:
             "received": np.zeros((n, pairs), dtype=np.uint64),
         }
         # the same memory as tables: cheaper to index in compiled code
-        flat = {name: self._arrays[name].reshape(-1) for name in ("guess", "usable")}
-        wide = ("depth", "settings", "motion", "clock", "point", "anchor")
-        table = {name: self._arrays[name].reshape(-1, self._arrays[name].shape[-1]) for name in wide}
+        tables = {
+            name: array.reshape(-1, array.shape[-1])
+            for name, array in self._arrays.items()
+            if name in {"depth", "settings", "motion", "clock", "point", "anchor"}
+        }
         self._state = kernels.State(
             sample=self._arrays["sample"],
-            depth=table["depth"],
-            settings=table["settings"],
-            guess=flat["guess"],
-            sizes=pose_filter.Sizes(length=length, robots=robots, points=points, pairs=pairs),
-            filter=pose_filter.Tables(
-                motion=table["motion"],
-                clock=table["clock"],
-                point=table["point"],
-                usable=flat["usable"],
-                anchor=table["anchor"],
-                received=self._arrays["received"],
-            ),
+            guess=self._arrays["guess"].reshape(-1),
+            usable=self._arrays["usable"].reshape(-1),
+            received=self._arrays["received"],
+            **tables,
         )
+        self._sizes = np.array([length, robots, points, pairs], dtype=np.int64)
         v_sd, w_sd = config.odometry_noise
-        self._options = pose_filter.FilterOptions(
+        options = pose_filter.FilterOptions(
             model=_MODELS[config.pose_model],
             from_depth=config.measurement == "depth",
             variance=config.measurement_sd**2,
@@ -78,6 +73,8 @@ class Cascade:
             hold_v=config.unheard_sd[0] ** 2,
             hold_w=config.unheard_sd[1] ** 2,
         )
+        self._options = np.array(options, dtype=np.float64)
+        self._use_unseen = config.use_unseen
         self._estimate = Estimate(
             points=np.zeros((n, robots, points, 3)),
             points_covariance=np.zeros((n, robots, points, 3, 3)),
@@ -103,26 +100,19 @@ class Cascade:
         _check("prior.depth", prior.depth, np.float64, (n, robots, points))
         _check("prior.pose", prior.pose, np.float64, (n, len(self._pairs), 3))
         _check("prior.pose_sd", prior.pose_sd, np.float64, (3,))
-        self._raise(
-            kernels.reset(
-                prior.depth,
-                prior.pose,
-                float(prior.depth_sd),
-                prior.pose_sd,
-                self._pairs,
-                self._options,
-                self._state,
-                self._estimate,
-                rows,
-            )
+        status = kernels.reset(
+            prior.depth, prior.pose, float(prior.depth_sd), prior.pose_sd, self._sizes, *self._state, rows
         )
+        if status:
+            self._raise(status)
+        self._show(rows)
 
     def update(self, samples: Samples, rows: Rows) -> None:
         """Take the K samples in, in order."""
         if samples is not self._checked:
             self._check_samples(samples)
         status = kernels.update(
-            samples, self._pairs, self._options, self.config.use_unseen, self._state, self._estimate, rows
+            *samples, self._pairs, self._options, self._use_unseen, self._sizes, *self._state, *self._estimate, rows
         )
         if status:
             self._raise(status)
@@ -139,7 +129,23 @@ class Cascade:
             _check(f"state[{name!r}]", state[name], array.dtype, (len(rows), *array.shape[1:]))
         for name, array in self._arrays.items():
             array[rows] = state[name]
-        self._raise(kernels.refresh(self._pairs, self._options, self._state, self._estimate, rows))
+        self._show(rows)
+
+    def _show(self, rows: Rows) -> None:
+        state = self._state
+        kernels.show(
+            *self._estimate,
+            self._pairs,
+            self._options,
+            self._sizes,
+            state.sample,
+            state.depth,
+            state.motion,
+            state.clock,
+            state.anchor,
+            state.received,
+            rows,
+        )
 
     def _check_samples(self, samples: Samples) -> None:
         n, robots, points = self._arrays["guess"].shape
@@ -155,7 +161,7 @@ class Cascade:
         if status == kernels.ROW_OUT_OF_RANGE:
             raise IndexError(f"Argument `rows` must lie in [0, {len(self._state.sample)}), but does not.")
         if status == kernels.MESSAGE_TOO_OLD:
-            window = self._state.sizes.length
+            window = self._sizes[0]
             raise ValueError(
                 f"Argument `samples.arrived` must have ages below the message window, {window} samples, but has older."
             )

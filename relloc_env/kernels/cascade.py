@@ -28,80 +28,124 @@ class State(NamedTuple):
     """(N R, 12) `depth_state.Settings`; the first two columns are the gains."""
     guess: np.ndarray
     """[m] (N R M,) depth guesses."""
-    sizes: pf.Sizes
-    filter: pf.Tables
-    """Pose filter."""
+    motion: np.ndarray
+    """This and the following: `pose_filter.Tables`."""
+    clock: np.ndarray
+    point: np.ndarray
+    usable: np.ndarray
+    anchor: np.ndarray
+    received: np.ndarray
 
 
 @kernel
-def reset(depth_guess, pose_guess, depth_sd, pose_sd, pairs, options, state, estimate, rows):
-    """Start the environments `rows` of `state` from a prior (see `samples.Prior`)."""
-    robots, points = state.sizes.robots, state.sizes.points
+def in_range(rows, num_envs):
+    """Whether all `rows` are environments."""
+    return rows.size == 0 or (rows.min() >= 0 and rows.max() < num_envs)
+
+
+@kernel
+def reset(
+    depth_guess, pose_guess, depth_sd, pose_sd,
+    sizes, sample, depth, settings, guess, motion, clock, point, usable, anchor, received, rows,
+):  # fmt: skip
+    """Start the environments `rows` from a prior.
+
+    Args:
+        depth_guess, pose_guess, depth_sd, pose_sd: of `samples.Prior`.
+        sizes: (4,) int64, in the order of `pose_filter.Sizes`.
+        sample, depth, settings, guess, motion, clock, point, usable, anchor, received: `State`, changed in place.
+        rows: environments to work on.
+
+    Returns:
+        OK, or ROW_OUT_OF_RANGE (then nothing was done).
+    """
+    if not in_range(rows, sample.shape[0]):
+        return ROW_OUT_OF_RANGE
+    length, robots, points, pairs = sizes
+    shape = pf.Sizes(length, robots, points, pairs)
     for e in rows:
-        if e < 0 or e >= state.sample.shape[0]:
-            return ROW_OUT_OF_RANGE
-    for e in rows:
-        state.sample[e] = -1
+        sample[e] = -1
         for i in range(robots):
             r = e * robots + i
-            state.settings[r, DEPTH_SD] = depth_sd
+            settings[r, DEPTH_SD] = depth_sd
             for m in range(points):
-                state.depth[r * points + m] = 0.0
-                state.guess[r * points + m] = depth_guess[e, i, m]
-        pf.start(e, pose_guess, pose_sd, state.sizes, state.filter)
-        show(e, pairs, options, state, estimate)
+                depth[r * points + m] = 0.0
+                guess[r * points + m] = depth_guess[e, i, m]
+        pf.start(e, pose_guess, pose_sd, shape, pf.Tables(motion, clock, point, usable, anchor, received))
     return OK
 
 
 @kernel
-def update(samples, pairs, options, use_unseen, state, estimate, rows):
+def update(
+    period, odometry, image, seen, arrived, pairs, options, use_unseen,
+    sizes, sample, depth, settings, guess, motion, clock, point, usable, anchor, received,
+    e_points, e_points_covariance, e_known, e_pose, e_pose_covariance, rows,
+):  # fmt: skip
     """Take all K samples of the environments `rows` in, in order, and refresh the estimate.
 
     Args:
-        samples: `samples.Samples`.
+        period, odometry, image, seen, arrived: `samples.Samples`.
         pairs: (P, 2) ordered pairs (observer, observed).
-        options: `pose_filter.FilterOptions`.
+        options: (9,) float64, in the order of `pose_filter.FilterOptions`.
         use_unseen: whether remembered points take part in the pose update.
-        state: `State`, changed in place.
-        estimate: `samples.Estimate`, refreshed in place.
-        rows: environments to work on.
+        sizes: (4,) int64, in the order of `pose_filter.Sizes`; P is at most 64.
+        sample, depth, settings, guess, motion, clock, point, usable, anchor, received: `State`, changed in place.
+        e_points, e_points_covariance, e_known, e_pose, e_pose_covariance: `samples.Estimate`, refreshed in place.
+        rows: environments to work on, each once.
 
     Returns:
         OK, or ROW_OUT_OF_RANGE (then nothing was done), or MESSAGE_TOO_OLD (such messages were left out).
     """
-    sizes, depth, settings, guess = state.sizes, state.depth, state.settings, state.guess
-    motion, clock, point, usable, anchor, received = state.filter
-    period, odometry, image, seen, arrived = samples
-    length = sizes.length
-    for e in rows:
-        if e < 0 or e >= state.sample.shape[0]:
-            return ROW_OUT_OF_RANGE
+    if not in_range(rows, sample.shape[0]):
+        return ROW_OUT_OF_RANGE
+    shape, options = pf.Sizes(sizes[0], sizes[1], sizes[2], sizes[3]), pf.filter_options(options)
+    length, per_env = shape.length, shape.pairs
     status = OK
     beyond = ~(np.uint64(0xFFFFFFFFFFFFFFFF) >> np.uint64(64 - length))
-    for e in rows:
+    # the updates of one pair wait for each other, those of a block of environments do not: keep them together
+    block = max(1, min(8, 64 // max(1, per_env)))
+    for begin in range(0, rows.shape[0], block):
+        end = min(begin + block, rows.shape[0])
         for k in range(period.shape[1]):
-            sample = state.sample[e] + 1
-            state.sample[e] = sample
-            row = sample % length
-            now = e * length + row
-            before = now - 1 if row > 0 else now + length - 1
-            dt = period[e, k]
-            clock[now, 0] = clock[before, 0] + dt
-            clock[now, 1] = clock[before, 1] + (1.0 if dt > 0.0 else 0.0)
-            for i in range(sizes.robots):
-                sense(
-                    e, k, i, before, now, dt, options, use_unseen, sizes,
-                    odometry, image, seen, depth, settings, guess, motion, point, usable,
-                )  # fmt: skip
-            for p in range(sizes.pairs):
-                ages = arrived[e, k, p]
-                if ages & beyond:
-                    status = MESSAGE_TOO_OLD
-                pf.listen(
-                    e, p, pairs[p, 0], pairs[p, 1], sample, ages, options, sizes,
-                    motion, clock, point, usable, anchor, received,
-                )  # fmt: skip
-        show(e, pairs, options, state, estimate)
+            waiting = np.uint64(0)
+            for n in range(begin, end):
+                e = rows[n]
+                now = sample[e] + 1
+                sample[e] = now
+                at = e * length + now % length
+                before = at - 1 if now % length > 0 else at + length - 1
+                dt = period[e, k]
+                clock[at, 0] = clock[before, 0] + dt
+                clock[at, 1] = clock[before, 1] + (1.0 if dt > 0.0 else 0.0)
+                for i in range(shape.robots):
+                    sense(
+                        e, k, i, before, at, dt, options, use_unseen, shape,
+                        odometry, image, seen, depth, settings, guess, motion, point, usable,
+                    )  # fmt: skip
+                for p in range(per_env):
+                    ages = arrived[e, k, p]
+                    if ages & beyond:
+                        status = MESSAGE_TOO_OLD
+                    if pf.listen(
+                        e, p, pairs[p, 0], pairs[p, 1], now, ages, options, shape,
+                        motion, clock, point, usable, anchor, received,
+                    ):  # fmt: skip
+                        waiting |= np.uint64(1) << np.uint64((n - begin) * per_env + p)
+            for m in range(shape.points):
+                for n in range(begin, end):
+                    e = rows[n]
+                    row = sample[e] % length
+                    for p in range(per_env):
+                        if (waiting >> np.uint64((n - begin) * per_env + p)) & np.uint64(1):
+                            pf.take_point(
+                                e, pairs[p, 0], pairs[p, 1], m, pf.first_anchor(e, p, shape) + row, row,
+                                options, shape, motion, point, usable, anchor,
+                            )  # fmt: skip
+        for n in range(begin, end):
+            show_environment(
+                rows[n], pairs, options, shape, e_points, e_points_covariance, e_known, e_pose, e_pose_covariance,
+                sample[rows[n]], depth, motion, clock, anchor, received,
+            )  # fmt: skip
     return status
 
 
@@ -139,31 +183,41 @@ def sense(
 
 
 @kernel
-def refresh(pairs, options, state, estimate, rows):
-    """Write the estimate of the environments `rows` anew from `state`."""
+def show(
+    points, points_covariance, known, pose, pose_covariance, pairs, options,
+    sizes, sample, depth, motion, clock, anchor, received, rows,
+):  # fmt: skip
+    """Write the estimate of the environments `rows`, see `show_environment`.
+
+    Args:
+        points, points_covariance, known, pose, pose_covariance: `samples.Estimate`, written.
+        pairs, options, sizes: as for `update`.
+        sample, depth, motion, clock, anchor, received: of `State`.
+        rows: environments to work on, in range.
+    """
+    shape, options = pf.Sizes(sizes[0], sizes[1], sizes[2], sizes[3]), pf.filter_options(options)
     for e in rows:
-        if e < 0 or e >= state.sample.shape[0]:
-            return ROW_OUT_OF_RANGE
-    for e in rows:
-        show(e, pairs, options, state, estimate)
-    return OK
+        show_environment(
+            e, pairs, options, shape, points, points_covariance, known, pose, pose_covariance,
+            sample[e], depth, motion, clock, anchor, received,
+        )  # fmt: skip
 
 
 @kernel
-def show(e, pairs, options, state, estimate):
-    """Write the estimate of environment `e`: points in polar form, poses predicted to the last sample."""
-    sizes, depth = state.sizes, state.depth
-    points, points_covariance, known, pose, pose_covariance = estimate
-    for i in range(sizes.robots):
-        for m in range(sizes.points):
-            show_point(e, i, m, (e * sizes.robots + i) * sizes.points + m, depth, points, points_covariance, known)
-    motion, clock, _, _, anchor, received = state.filter
-    for p in range(sizes.pairs):
+def show_environment(
+    e, pairs, options, shape, points, points_covariance, known, pose, pose_covariance,
+    now, depth, motion, clock, anchor, received,
+):  # fmt: skip
+    """Write the estimate of environment `e`: points in polar form, poses predicted to its last sample `now`."""
+    for i in range(shape.robots):
+        for m in range(shape.points):
+            show_point(e, i, m, (e * shape.robots + i) * shape.points + m, depth, points, points_covariance, known)
+    c = pose_covariance
+    for p in range(shape.pairs):
         r_x, r_y, theta, pxx, pxy, pxt, pyy, pyt, ptt = pf.present(
-            e, p, pairs[p, 0], pairs[p, 1], state.sample[e], options, sizes, motion, clock, anchor, received
+            e, p, pairs[p, 0], pairs[p, 1], now, options, shape, motion, clock, anchor, received
         )
         pose[e, p, 0], pose[e, p, 1], pose[e, p, 2] = r_x, r_y, theta
-        c = pose_covariance
         c[e, p, 0, 0], c[e, p, 0, 1], c[e, p, 0, 2] = pxx, pxy, pxt
         c[e, p, 1, 0], c[e, p, 1, 1], c[e, p, 1, 2] = pxy, pyy, pyt
         c[e, p, 2, 0], c[e, p, 2, 1], c[e, p, 2, 2] = pxt, pyt, ptt

@@ -14,9 +14,9 @@ The arrays are tables: rows of numbers, one row per element of the leading axes 
   between them added.
 - `clock` (N, L; 2): time since the start, and the number of samples since then over which time passed.
 - `point` (N, L, R, M; 5): q_x, q_y and its covariance xx, xy, yy, in the body frame; `usable` (N, L, R, M): bool.
-- `anchor` (N, P, L + 1; 36), (N, P, 1; 36) if L is 1: xi, its covariance; time and sample count; dead reckoning of A
-  (5), of B (5); velocity of B; covariance of the dead reckoning of A (6), of B (6). The last row of a pair is the
-  anchor before the ring.
+- `anchor` (N, P, L + 1; 38), (N, P, 1; 38) if L is 1: xi, its covariance; time and sample count; dead reckoning of A
+  (5), of B (5); velocity of B; covariance of the dead reckoning of A (6), of B (6); cos and sin of theta. The last
+  row of a pair is the anchor before the ring.
 - `received` (N, P): bit j tells whether the message of age j has been taken in.
 """
 
@@ -29,10 +29,10 @@ from relloc_env.kernels import relative_pose as rp
 from relloc_env.kernels._compile import kernel
 from relloc_env.kernels.motion import arc
 
-MOTION, CLOCK, POINT, ANCHOR = 14, 2, 5, 36
+MOTION, CLOCK, POINT, ANCHOR = 14, 2, 5, 38
 
 # first columns within an anchor
-_TIME, _STEPS, _OWN, _OTHER, _SPEED, _OWN_NOISE, _OTHER_NOISE = 9, 10, 11, 16, 21, 24, 30
+_TIME, _STEPS, _OWN, _OTHER, _SPEED, _OWN_NOISE, _OTHER_NOISE, _COS, _SIN = 9, 10, 11, 16, 21, 24, 30, 36, 37
 
 
 class FilterOptions(NamedTuple):
@@ -56,6 +56,13 @@ class FilterOptions(NamedTuple):
     """[m²/s²] variance of the difference between B's speed and the last one heard, while no message comes."""
     hold_w: float
     """[rad²/s²] the same for its yaw rate."""
+
+
+@kernel
+def filter_options(numbers):
+    """FilterOptions from a float64 array of the same order (quicker to hand over than a tuple)."""
+    n = numbers
+    return FilterOptions(int(n[0]), n[1] != 0.0, n[2], n[3] != 0.0, n[4], n[5], n[6], n[7], n[8])
 
 
 class Sizes(NamedTuple):
@@ -267,8 +274,8 @@ def leap(anchor, i, motion, own, other, held, time, steps, options):
 
 
 @kernel
-def fuse(e, a, b, source, target, row, options, sizes, motion, clock, point, usable, anchor):
-    """Predict from one anchor to a sample of the ring, take B's message of that sample in, store the anchor there.
+def open_anchor(e, a, b, source, target, row, options, sizes, motion, clock, anchor):
+    """Predict from one anchor to a sample of the ring, and store the anchor there; its points are still to come.
 
     Args:
         e, a, b: environment, the pair's observer and its observed robot.
@@ -276,7 +283,7 @@ def fuse(e, a, b, source, target, row, options, sizes, motion, clock, point, usa
         target: index of the anchor to write; may be `source`.
         row: row of the ring, of the sample.
         options: FilterOptions.
-        sizes, motion, clock, point, usable, anchor: see `Sizes` and `Tables`.
+        sizes, motion, clock, anchor: see `Sizes` and `Tables`.
     """
     at = e * sizes.length + row
     own, other = at * sizes.robots + a, at * sizes.robots + b
@@ -284,29 +291,11 @@ def fuse(e, a, b, source, target, row, options, sizes, motion, clock, point, usa
     r_x, r_y, theta, cos, sin, pxx, pxy, pxt, pyy, pyt, ptt = leap(
         anchor, source, motion, own, other, False, time, steps, options
     )
-    w_a, s_ax, s_ay, s_bx, s_by = motion[own, 7], motion[own, 5], motion[own, 6], motion[other, 5], motion[other, 6]
-    rxx, rxy, ryy = options.variance, 0.0, options.variance
-    for m in range(sizes.points):
-        i, j = own * sizes.points + m, other * sizes.points + m
-        if usable[i] and usable[j]:
-            y_0, y_1, h_0x, h_0y, h_0t, h_1x, h_1y, h_1t = rp.observe(
-                options.model, r_x, r_y, cos, sin, point[i, 0], point[i, 1], point[j, 0], point[j, 1],
-                s_ax, s_ay, w_a, s_bx, s_by,
-            )  # fmt: skip
-            if options.from_depth:
-                rxx, rxy, ryy = rp.observe_covariance(
-                    options.model, cos, sin, w_a, point[i, 2], point[i, 3], point[i, 4],
-                    point[j, 2], point[j, 3], point[j, 4], options.variance,
-                )  # fmt: skip
-            r_x, r_y, theta, pxx, pxy, pxt, pyy, pyt, ptt = rp.correct(
-                r_x, r_y, theta, pxx, pxy, pxt, pyy, pyt, ptt,
-                y_0, y_1, h_0x, h_0y, h_0t, h_1x, h_1y, h_1t, rxx, rxy, ryy,
-            )  # fmt: skip
-            cos, sin = math.cos(theta), math.sin(theta)
     anchor[target, 0], anchor[target, 1], anchor[target, 2] = r_x, r_y, theta
     anchor[target, 3], anchor[target, 4], anchor[target, 5] = pxx, pxy, pxt
     anchor[target, 6], anchor[target, 7], anchor[target, 8] = pyy, pyt, ptt
     anchor[target, _TIME], anchor[target, _STEPS] = time, steps
+    anchor[target, _COS], anchor[target, _SIN] = cos, sin
     for i in range(5):
         anchor[target, _OWN + i], anchor[target, _OTHER + i] = motion[own, i], motion[other, i]
     for i in range(3):
@@ -315,6 +304,64 @@ def fuse(e, a, b, source, target, row, options, sizes, motion, clock, point, usa
         for i in range(6):
             anchor[target, _OWN_NOISE + i] = motion[own, 8 + i]
             anchor[target, _OTHER_NOISE + i] = motion[other, 8 + i]
+
+
+@kernel
+def take_point(e, a, b, m, target, row, options, sizes, motion, point, usable, anchor):
+    """Take point `m` of a sample of the ring into the anchor of that sample, where both robots know it.
+
+    Args:
+        e, a, b: environment, the pair's observer and its observed robot.
+        m: the point.
+        target: index of the anchor.
+        row: row of the ring, of the sample.
+        options: FilterOptions.
+        sizes, motion, point, usable, anchor: see `Sizes` and `Tables`.
+    """
+    at = e * sizes.length + row
+    own, other = at * sizes.robots + a, at * sizes.robots + b
+    i, j = own * sizes.points + m, other * sizes.points + m
+    if not (usable[i] and usable[j]):
+        return
+    r_x, r_y, theta, cos, sin = (
+        anchor[target, 0],
+        anchor[target, 1],
+        anchor[target, 2],
+        anchor[target, _COS],
+        anchor[target, _SIN],
+    )
+    pxx, pxy, pxt = anchor[target, 3], anchor[target, 4], anchor[target, 5]
+    pyy, pyt, ptt = anchor[target, 6], anchor[target, 7], anchor[target, 8]
+    w_a = motion[own, 7]
+    y_0, y_1, h_0x, h_0y, h_0t, h_1x, h_1y, h_1t = rp.observe(
+        options.model, r_x, r_y, cos, sin, point[i, 0], point[i, 1], point[j, 0], point[j, 1],
+        motion[own, 5], motion[own, 6], w_a, motion[other, 5], motion[other, 6],
+    )  # fmt: skip
+    rxx, rxy, ryy = options.variance, 0.0, options.variance
+    if options.from_depth:
+        rxx, rxy, ryy = rp.observe_covariance(
+            options.model, cos, sin, w_a, point[i, 2], point[i, 3], point[i, 4],
+            point[j, 2], point[j, 3], point[j, 4], options.variance,
+        )  # fmt: skip
+    r_x, r_y, new, pxx, pxy, pxt, pyy, pyt, ptt = rp.correct(
+        r_x, r_y, theta, pxx, pxy, pxt, pyy, pyt, ptt,
+        y_0, y_1, h_0x, h_0y, h_0t, h_1x, h_1y, h_1t, rxx, rxy, ryy,
+    )  # fmt: skip
+    anchor[target, 0], anchor[target, 1], anchor[target, 2] = r_x, r_y, new
+    anchor[target, 3], anchor[target, 4], anchor[target, 5] = pxx, pxy, pxt
+    anchor[target, 6], anchor[target, 7], anchor[target, 8] = pyy, pyt, ptt
+    anchor[target, _COS], anchor[target, _SIN] = turned(cos, sin, new - theta, new)
+
+
+@kernel
+def turned(cos, sin, turn, theta):
+    """Cosine and sine of `theta`, given those of theta - turn: a short series where the turn is small."""
+    if abs(turn) > 0.05:
+        return math.cos(theta), math.sin(theta)
+    s = turn * turn
+    cos_d = 1.0 - s * (1 / 2) * (1.0 - s * (1 / 12) * (1.0 - s * (1 / 30) * (1.0 - s * (1 / 56))))
+    sin_d = turn * (1.0 - s * (1 / 6) * (1.0 - s * (1 / 20) * (1.0 - s * (1 / 42))))
+    return cos * cos_d - sin * sin_d, sin * cos_d + cos * sin_d
 
 
 @kernel
@@ -328,6 +375,10 @@ def listen(e, p, a, b, sample, arrived, options, sizes, motion, clock, point, us
             first sample, are ignored.
         options: FilterOptions.
         sizes, motion, clock, point, usable, anchor, received: see `Sizes` and `Tables`.
+
+    Returns:
+        Whether the points of the present sample are left to the caller (`take_point`, in the order of the points):
+        those of other pairs and environments can go between, which lets a processor work on several at a time.
     """
     length, first = sizes.length, first_anchor(e, p, sizes)
     base = first + length if length > 1 else first
@@ -338,22 +389,28 @@ def listen(e, p, a, b, sample, arrived, options, sizes, motion, clock, point, us
             anchor[base, i] = anchor[first + sample % length, i]
     got = (got << one) & window
     new = arrived & window & ~got
-    if new:
-        oldest = length - 1
-        while not (new >> np.uint64(oldest)) & one:
-            oldest -= 1
-        source = base
-        for age in range(oldest + 1, length):
-            if (got >> np.uint64(age)) & one:
-                source = first + (sample - age) % length
-                break
-        got |= new
-        for age in range(oldest, -1, -1):
-            if (got >> np.uint64(age)) & one:
-                row = (sample - age) % length
-                fuse(e, a, b, source, first + row, row, options, sizes, motion, clock, point, usable, anchor)
-                source = first + row
-    received[e, p] = got
+    received[e, p] = got | new
+    if not new:
+        return False
+    oldest = length - 1
+    while not (new >> np.uint64(oldest)) & one:
+        oldest -= 1
+    source = base
+    for age in range(oldest + 1, length):
+        if (got >> np.uint64(age)) & one:
+            source = first + (sample - age) % length
+            break
+    got |= new
+    for age in range(oldest, -1, -1):
+        if (got >> np.uint64(age)) & one:
+            row = (sample - age) % length
+            target = first + row
+            open_anchor(e, a, b, source, target, row, options, sizes, motion, clock, anchor)
+            if age > 0:
+                for m in range(sizes.points):
+                    take_point(e, a, b, m, target, row, options, sizes, motion, point, usable, anchor)
+            source = target
+    return (got & one) != 0
 
 
 @kernel

@@ -265,37 +265,25 @@ def correct(r_x, r_y, theta, pxx, pxy, pxt, pyy, pyt, ptt, y_0, y_1, h_0x, h_0y,
     k_x0, k_x1 = c_x0 * i_00 + c_x1 * i_01, c_x0 * i_01 + c_x1 * i_11
     k_y0, k_y1 = c_y0 * i_00 + c_y1 * i_01, c_y0 * i_01 + c_y1 * i_11
     k_t0, k_t1 = c_t0 * i_00 + c_t1 * i_01, c_t0 * i_01 + c_t1 * i_11
-    # A = I - K H, then B = A P
-    a_xx, a_xy, a_xt = 1.0 - k_x0 * h_0x - k_x1 * h_1x, -k_x0 * h_0y - k_x1 * h_1y, -k_x0 * h_0t - k_x1 * h_1t
-    a_yx, a_yy, a_yt = -k_y0 * h_0x - k_y1 * h_1x, 1.0 - k_y0 * h_0y - k_y1 * h_1y, -k_y0 * h_0t - k_y1 * h_1t
-    a_tx, a_ty, a_tt = -k_t0 * h_0x - k_t1 * h_1x, -k_t0 * h_0y - k_t1 * h_1y, 1.0 - k_t0 * h_0t - k_t1 * h_1t
-    b_xx, b_xy, b_xt = (
-        a_xx * pxx + a_xy * pxy + a_xt * pxt,
-        a_xx * pxy + a_xy * pyy + a_xt * pyt,
-        a_xx * pxt + a_xy * pyt + a_xt * ptt,
-    )
-    b_yx, b_yy, b_yt = (
-        a_yx * pxx + a_yy * pxy + a_yt * pxt,
-        a_yx * pxy + a_yy * pyy + a_yt * pyt,
-        a_yx * pxt + a_yy * pyt + a_yt * ptt,
-    )
-    b_tx, b_ty, b_tt = (
-        a_tx * pxx + a_ty * pxy + a_tt * pxt,
-        a_tx * pxy + a_ty * pyy + a_tt * pyt,
-        a_tx * pxt + a_ty * pyt + a_tt * ptt,
-    )
-    # G = K R
-    g_x0, g_x1 = k_x0 * rxx + k_x1 * rxy, k_x0 * rxy + k_x1 * ryy
-    g_y0, g_y1 = k_y0 * rxx + k_y1 * rxy, k_y0 * rxy + k_y1 * ryy
-    g_t0, g_t1 = k_t0 * rxx + k_t1 * rxy, k_t0 * rxy + k_t1 * ryy
+    # A = (I - K H) P
+    a_xx, a_xy, a_xt = pxx - k_x0 * c_x0 - k_x1 * c_x1, pxy - k_x0 * c_y0 - k_x1 * c_y1, pxt - k_x0 * c_t0 - k_x1 * c_t1
+    a_yx, a_yy, a_yt = pxy - k_y0 * c_x0 - k_y1 * c_x1, pyy - k_y0 * c_y0 - k_y1 * c_y1, pyt - k_y0 * c_t0 - k_y1 * c_t1
+    a_tx, a_ty, a_tt = pxt - k_t0 * c_x0 - k_t1 * c_x1, pyt - k_t0 * c_y0 - k_t1 * c_y1, ptt - k_t0 * c_t0 - k_t1 * c_t1
+    # G = K R - A H^T, so that A (I - K H)^T + K R K^T = A + G K^T
+    g_x0 = k_x0 * rxx + k_x1 * rxy - (a_xx * h_0x + a_xy * h_0y + a_xt * h_0t)
+    g_x1 = k_x0 * rxy + k_x1 * ryy - (a_xx * h_1x + a_xy * h_1y + a_xt * h_1t)
+    g_y0 = k_y0 * rxx + k_y1 * rxy - (a_yx * h_0x + a_yy * h_0y + a_yt * h_0t)
+    g_y1 = k_y0 * rxy + k_y1 * ryy - (a_yx * h_1x + a_yy * h_1y + a_yt * h_1t)
+    g_t0 = k_t0 * rxx + k_t1 * rxy - (a_tx * h_0x + a_ty * h_0y + a_tt * h_0t)
+    g_t1 = k_t0 * rxy + k_t1 * ryy - (a_tx * h_1x + a_ty * h_1y + a_tt * h_1t)
     return (
         r_x + k_x0 * y_0 + k_x1 * y_1,
         r_y + k_y0 * y_0 + k_y1 * y_1,
         wrap_angle(theta + k_t0 * y_0 + k_t1 * y_1),
-        b_xx * a_xx + b_xy * a_xy + b_xt * a_xt + g_x0 * k_x0 + g_x1 * k_x1,
-        b_xx * a_yx + b_xy * a_yy + b_xt * a_yt + g_x0 * k_y0 + g_x1 * k_y1,
-        b_xx * a_tx + b_xy * a_ty + b_xt * a_tt + g_x0 * k_t0 + g_x1 * k_t1,
-        b_yx * a_yx + b_yy * a_yy + b_yt * a_yt + g_y0 * k_y0 + g_y1 * k_y1,
-        b_yx * a_tx + b_yy * a_ty + b_yt * a_tt + g_y0 * k_t0 + g_y1 * k_t1,
-        b_tx * a_tx + b_ty * a_ty + b_tt * a_tt + g_t0 * k_t0 + g_t1 * k_t1,
+        a_xx + g_x0 * k_x0 + g_x1 * k_x1,
+        a_xy + g_x0 * k_y0 + g_x1 * k_y1,
+        a_xt + g_x0 * k_t0 + g_x1 * k_t1,
+        a_yy + g_y0 * k_y0 + g_y1 * k_y1,
+        a_yt + g_y0 * k_t0 + g_y1 * k_t1,
+        a_tt + g_t0 * k_t0 + g_t1 * k_t1,
     )
