@@ -1,0 +1,205 @@
+"""The picture of an environment: readings at the left, the world from above, the camera images at the right."""
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from relloc_env.rendering import geometry
+from relloc_env.rendering.camera_view import draw_camera, image_frame
+from relloc_env.rendering.canvas import Box, Canvas
+from relloc_env.rendering.scene import CameraGeometry, Scene, robot_colour, robot_name
+from relloc_env.rendering.theme import THEMES, mix
+from relloc_env.rendering.world_view import MapFrame, draw_ground, draw_world
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from pygame import Surface
+
+SMALLEST = (320, 180)
+"""[px] least width and height of a picture."""
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Where the parts are [px], and how large markers (`ui` = 1 at 960 x 540) and letters are."""
+
+    ui: float
+    letters: float
+    rail: Box
+    world: Box
+    images: tuple[Box, ...]
+
+
+def layout(size: tuple[int, int], cameras: "Sequence[CameraGeometry]") -> Layout:
+    """Share a picture out: letters never below 9 px, the map as large as the camera images leave it."""
+    width, height = size
+    ui = min(width / 960.0, height / 540.0)
+    letters = max(9.0, 11.5 * ui)
+    pad, rail = max(6.0, 12.0 * ui), max(7.6 * letters, 118.0 * ui)
+    free = width - rail - 4.0 * pad
+    tall = height - 2.0 * pad
+    caption = 1.7 * letters
+    columns = 1 if len(cameras) <= 3 else 2
+    rows = math.ceil(len(cameras) / columns)
+    aspect = max(camera.width / camera.height for camera in cameras)
+    highest = (tall - (rows - 1) * pad) / rows - caption
+    column = min(highest * aspect, max((free - tall) / columns, 0.36 * free / columns))
+    world = (rail + 2.0 * pad, pad, free - columns * column - (columns - 1) * pad, tall)
+    images = []
+    for robot, camera in enumerate(cameras):
+        fit = min(column, column / aspect * camera.width / camera.height)
+        left = width - pad - column - (columns - 1 - robot % columns) * (column + pad)
+        top = pad + caption + robot // columns * (column / aspect + caption + pad)
+        images.append((left, top, fit, fit * camera.height / camera.width))
+    return Layout(ui, letters, (pad, pad, rail, tall), world, tuple(images))
+
+
+class Renderer:
+    """Draws scenes, in memory or in a window.
+
+    Args:
+        size: [px] width and height of the picture.
+        mode: `rgb_array` touches no display; `human` opens a window at the first scene.
+        fps: [1/s] greatest rate of pictures in a window; 0 for no limit.
+        theme: `light` or `dark`.
+    """
+
+    def __init__(
+        self,
+        size: tuple[int, int] = (960, 540),
+        mode: Literal["rgb_array", "human"] = "rgb_array",
+        fps: float = 20.0,
+        theme: Literal["light", "dark"] = "light",
+    ) -> None:
+        if size[0] < SMALLEST[0] or size[1] < SMALLEST[1]:
+            raise ValueError(f"Argument `size` must be at least {SMALLEST}, but is {size}.")
+        if mode not in {"rgb_array", "human"}:
+            raise ValueError(f"Argument `mode` must be 'rgb_array' or 'human', but is {mode!r}.")
+        if theme not in THEMES:
+            raise ValueError(f"Argument `theme` must be one of {sorted(THEMES)}, but is {theme!r}.")
+        self.size = size
+        self.mode = mode
+        self.fps = fps
+        self.closed = False
+        """Whether the window was closed, by its user or by `close`; scenes drawn after that are not shown."""
+        self._theme = THEMES[theme]
+        self._canvas: Canvas | None = None
+        self._ground: tuple[bytes, Surface] | None = None
+        self._window: Surface | None = None
+
+    def draw(self, scene: Scene) -> NDArray[np.uint8] | None:
+        """Draw a scene: return it as (height, width, 3) uint8, or show it (`human`) and return None."""
+        if self.mode == "human":
+            if not self.closed:
+                self._show(scene)
+            return None
+        return self._paint(scene)
+
+    def close(self) -> None:
+        """Close the window, if there is one; may be called twice."""
+        self.closed = True
+        if self._window is not None:
+            import pygame
+
+            self._window = None
+            pygame.display.quit()
+
+    def _paint(self, scene: Scene) -> NDArray[np.uint8]:
+        if self._canvas is None:
+            self._canvas = Canvas(self.size)
+        canvas, theme = self._canvas, self._theme
+        parts = layout(self.size, scene.cameras)
+        frame = MapFrame(parts.world, geometry.bounds(scene))
+        obstacles = b"" if scene.obstacles is None else scene.obstacles.tobytes()
+        key = repr((parts, frame, scene.arena)).encode() + obstacles
+        if self._ground is None or self._ground[0] != key:
+            canvas.fill(theme.page)
+            draw_ground(canvas, frame, scene, theme, parts.ui)
+            self._ground = (key, canvas.snapshot())
+        canvas.restore(self._ground[1])
+        draw_world(canvas, frame, scene, theme, parts.ui, parts.letters)
+        for robot, box in enumerate(parts.images):
+            self._caption(canvas, parts, scene, robot)
+            draw_camera(canvas, image_frame(box, scene, robot), scene, robot, theme, parts.ui)
+        self._rail(canvas, parts, scene)
+        return canvas.finish()
+
+    def _caption(self, canvas: Canvas, parts: Layout, scene: Scene, robot: int) -> None:
+        """Write a camera's robot at the left, and what holds the robot, or how much it sees, at the right."""
+        theme, letters = self._theme, parts.letters
+        left, top, width, _ = parts.images[robot]
+        colour = mix(robot_colour(robot), theme.ink, 0.15)
+        y = top - 0.85 * letters
+        canvas.text(f"camera {robot_name(robot)}", (left, y), letters, colour, anchor=(0.0, 0.5), bold=True)
+        words, shade = f"sees {int(scene.seen[robot].sum())} of {len(scene.points)}", theme.muted
+        if scene.blocked is not None and scene.blocked[robot]:
+            words, shade = "blocked", theme.ink
+        if scene.contact is not None and scene.contact[robot]:
+            words, shade = "contact", theme.alarm
+        canvas.text(words, (left + width, y), letters, shade, anchor=(1.0, 0.5))
+
+    def _rail(self, canvas: Canvas, parts: Layout, scene: Scene) -> None:
+        """Write title, time and readings, and what the marks mean where there is room."""
+        theme, letters = self._theme, parts.letters
+        left, top, width, height = parts.rail
+        with canvas.inside((left, 0.0, width, float(self.size[1]))):
+            y = top
+            if scene.title:
+                canvas.text(scene.title, (left, y), letters, theme.muted)
+                y += 1.4 * letters
+            canvas.text(f"{scene.time:.1f} s", (left, y), 2.0 * letters, theme.ink, bold=True)
+            y += 3.2 * letters
+            bottom = top + height
+            legend = [("true", "solid"), ("estimated, 2σ", "hollow"), ("measured", "cross")]
+            if height - y > 40.0 * letters or y + (3.2 * len(scene.readings) + 1.6 * len(legend)) * letters < bottom:
+                bottom -= 1.6 * len(legend) * letters
+                self._legend(canvas, parts, legend, bottom)
+            for reading in scene.readings:
+                if y + 3.0 * letters > bottom:
+                    break
+                indent = 0.0
+                if reading.robot >= 0:
+                    indent = 0.9 * letters
+                    canvas.disc((left + 0.35 * letters, y + 0.6 * letters), 0.3 * letters, robot_colour(reading.robot))
+                canvas.text(reading.label, (left + indent, y), letters, theme.muted)
+                canvas.text(reading.value, (left, y + 1.25 * letters), 1.25 * letters, theme.ink, bold=True)
+                y += 3.4 * letters
+
+    def _legend(self, canvas: Canvas, parts: Layout, legend: list[tuple[str, str]], top: float) -> None:
+        theme, ui, letters = self._theme, parts.ui, parts.letters
+        for row, (words, mark) in enumerate(legend):
+            x, y = parts.rail[0] + 8.0 * ui, top + (1.6 * row + 0.8) * letters
+            if mark == "solid":
+                canvas.disc((x, y), 5.0 * ui, theme.muted)
+            elif mark == "hollow":
+                canvas.ring((x, y), 6.5 * ui, theme.muted, max(1.25, 1.75 * ui))
+            else:
+                canvas.line((x - 6.0 * ui, y), (x + 6.0 * ui, y), theme.muted, max(1.0, 1.25 * ui))
+                canvas.line((x, y - 6.0 * ui), (x, y + 6.0 * ui), theme.muted, max(1.0, 1.25 * ui))
+            canvas.text(words, (x + 13.0 * ui, y), letters, theme.muted, anchor=(0.0, 0.5))
+
+    def _show(self, scene: Scene) -> None:
+        import pygame
+
+        if self._window is None:
+            try:
+                pygame.display.init()
+                self._window = pygame.display.set_mode(self.size)
+            except pygame.error as error:
+                raise RuntimeError(f"Mode 'human' needs a display to open a window on: {error}.") from error
+            pygame.display.set_caption("relloc_env")
+            self._clock = pygame.time.Clock()
+        for event in pygame.event.get():
+            if event.type == pygame.QUIT or (event.type == pygame.KEYDOWN and event.key == pygame.K_ESCAPE):
+                self.close()
+                return
+        self._paint(scene)
+        assert self._canvas is not None
+        self._window.blit(self._canvas.surface, (0, 0))
+        pygame.display.flip()
+        if self.fps > 0.0:
+            self._clock.tick(self.fps)
