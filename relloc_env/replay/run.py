@@ -1,0 +1,288 @@
+"""The replay of recorded logs as one library call; the command line is a shell around it."""
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from relloc_env.estimators import make
+from relloc_env.logs import Log, LogError, read_log, read_mrclam, read_starloc
+from relloc_env.logs.episode import HEADER
+from relloc_env.logs.starloc import DETECTIONS
+from relloc_env.replay import scores
+from relloc_env.replay.settings import Config, configure
+from relloc_env.samples import ordered_pairs
+
+Progress = Callable[[str, float], None]
+"""Called with what is being done, and the part of all the work that is done."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """One estimator on one log."""
+
+    log: Log
+    estimator: str
+    config: Config
+    trace: scores.Trace
+    depth: scores.DepthErrors | None
+    tracks: list[dict[str, Any]]
+    poses: list[scores.PoseErrors]
+    """Per ordered pair; empty without truth."""
+
+    def summary(self) -> dict[str, Any]:
+        """Plain data: scores of this run."""
+        pairs = ordered_pairs(len(self.log.robots))[: len(self.poses)]
+        return {
+            "log": self.log.name,
+            "robots": list(self.log.robots),
+            "from_s": float(self.log.time[0]),
+            "to_s": float(self.log.time[-1]),
+            "depth": {**scores.summarise_tracks(self.tracks), "per_track": self.tracks},
+            "pose": [
+                {
+                    "observer": self.log.robots[a],
+                    "observed": self.log.robots[b],
+                    **scores.summarise_pose(scores.per_second(self.log.time, errors)),
+                }
+                for (a, b), errors in zip(pairs, self.poses, strict=True)
+            ],
+        }
+
+
+@dataclass(frozen=True)
+class ReplayResult:
+    """Scores of one or more estimators on one or more logs."""
+
+    path: Path
+    options: dict[str, Any]
+    runs: dict[str, list[Run]]
+    """Per estimator's name, one run per log."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain data, as in replay.json."""
+        some = next(iter(self.runs.values()))
+        return {
+            "path": str(self.path),
+            "kind": some[0].log.kind,
+            "velocity": some[0].log.velocity,
+            "options": self.options,
+            "nees_band_95": list(scores.NEES_BAND),
+            "nees_median_expected": scores.NEES_MEDIAN,
+            "estimate_exists_below": {"position_sd_m": scores.CERTAIN[0], "heading_sd_rad": scores.CERTAIN[1]},
+            "estimators": {
+                name: {
+                    "config": runs[0].config.model_dump(mode="json"),
+                    "depth": scores.summarise_tracks([track for run in runs for track in run.tracks]),
+                    "pose": self._pose(runs),
+                    "logs": [run.summary() for run in runs],
+                }
+                for name, runs in self.runs.items()
+            },
+        }
+
+    @staticmethod
+    def _pose(runs: list[Run]) -> dict[str, Any] | None:
+        series = [scores.per_second(run.log.time, errors) for run in runs for errors in run.poses]
+        return scores.summarise_pose(scores.join(series)) if series else None
+
+    def table(self) -> tuple[list[str], list[list[str]]]:
+        """Heads and cells of what the command prints, one row per estimator."""
+        data = self.to_dict()["estimators"]
+        poses = any(part["pose"] for part in data.values())
+        heads = ["estimator", "tracks", "initial depth error [m]", "final [m]", "to 10 % [s]"]
+        heads += ["seconds", "position [m]", "RMSE [m]", "heading [deg]", "RMSE [deg]", "NEES"] if poses else []
+        rows = []
+        for name, part in data.items():
+            depth, pose = part["depth"], part["pose"] or {}
+            median = depth.get("median_time_to_10_percent_s")
+            settled = f"{_text(median, 1)} ({depth.get('settled_tracks', 0)})"
+            row = [name, str(depth["tracks"]), _text(depth.get("median_initial_error_m")), ""]
+            row[3] = _text(depth.get("median_final_error_m"))
+            row.append(settled)
+            if poses:
+                seconds = f"{pose.get('seconds_with_estimate', 0)}/{pose.get('seconds_with_two_common_points', 0)}"
+                row += [
+                    seconds,
+                    _text(pose.get("median_position_error_m")),
+                    _text(pose.get("rmse_position_m")),
+                    _text(pose.get("median_heading_error_deg"), 1),
+                    _text(pose.get("rmse_heading_deg"), 1),
+                    _text(pose.get("median_nees"), 1),
+                ]
+            rows.append(row)
+        return heads, rows
+
+    def save(self, out: str | Path) -> list[Path]:
+        """Write replay.json, the series behind the figures (replay.npz) and the figures; return what was written."""
+        folder = Path(out)
+        folder.mkdir(parents=True, exist_ok=True)
+        summary = folder / "replay.json"
+        summary.write_text(json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n", encoding="utf-8")
+        arrays: dict[str, Any] = {}
+        for name, runs in self.runs.items():
+            for i, run in enumerate(runs):
+                arrays[f"{name}/{i}/time"] = run.log.time
+                if run.depth is not None:
+                    arrays[f"{name}/{i}/depth_error"] = run.depth.error.astype(np.float32)
+                for p, errors in enumerate(run.poses):
+                    arrays[f"{name}/{i}/pose_error_{p}"] = errors.error.astype(np.float32)
+                    arrays[f"{name}/{i}/nees_{p}"] = errors.nees.astype(np.float32)
+        series = folder / "replay.npz"
+        np.savez_compressed(series, **arrays)
+        from relloc_env.replay.figures import draw
+
+        return [summary, series, *draw(self, folder)]
+
+
+def _text(value: float | None, digits: int = 2) -> str:
+    return "–" if value is None else f"{value:.{digits}f}"
+
+
+def trace(log: Log, config: Config, progress: Callable[[float], None] | None = None) -> scores.Trace:
+    """Run one estimator over a log, sample by sample, and keep what it believed after each."""
+    count, robots, points = len(log), len(log.robots), len(log.points)
+    pairs = len(ordered_pairs(robots))
+    kept = scores.Trace(
+        points=np.zeros((count, robots, points, 3)),
+        points_covariance=np.zeros((count, robots, points, 3, 3)),
+        known=np.zeros((count, robots, points), dtype=np.bool_),
+        pose=np.zeros((count, pairs, 3)),
+        pose_covariance=np.zeros((count, pairs, 3, 3)),
+    )
+    window = 1 + max(int(bits).bit_length() - 1 for bits in np.append(np.unique(log.samples.arrived), np.uint64(1)))
+    estimator = make(config, 1, robots, points, message_window=window)
+    rows = np.zeros(1, dtype=np.int64)
+    estimator.reset(log.prior, rows)
+    for k, block in enumerate(log.blocks()):
+        estimator.update(block, rows)
+        for array, value in zip(kept, estimator.estimate, strict=True):
+            array[k] = value[0]
+        if progress is not None and k % 200 == 0:
+            progress(k / count)
+    return kept
+
+
+def run_estimator(log: Log, name: str, config: Config, progress: Callable[[float], None] | None = None) -> Run:
+    """Run and score one estimator on one log; without truth there is a trace and no score."""
+    kept = trace(log, config, progress)
+    if log.truth is None:
+        return Run(log, name, config, kept, None, [], [])
+    depth = scores.depth_errors(log, kept)
+    poses = [
+        scores.pose_errors(log, kept, p, int(a), int(b)) for p, (a, b) in enumerate(ordered_pairs(len(log.robots)))
+    ]
+    return Run(log, name, config, kept, depth, scores.score_tracks(log, depth), poses)
+
+
+def open_logs(
+    path: str | Path,
+    *,
+    robots: Sequence[int] | None = None,
+    start: float | None = None,
+    stop: float | None = None,
+    velocity: str | None = None,
+) -> list[Log]:
+    """Open whatever log `path` holds: one run, or all pairs of robots of an MR.CLAM folder.
+
+    Args:
+        path: an MR.CLAM folder, a STAR-loc sequence, or a log of the project's own format.
+        robots: MR.CLAM: numbers of the robots of one run; default: all pairs.
+        start, stop: [s] part of the log.
+        velocity: "commands" or "mocap"; MR.CLAM has both (default "commands"), STAR-loc the second alone.
+    """
+    folder = Path(path)
+    if not folder.is_dir():
+        raise LogError(folder, "must be the folder of a log" if folder.exists() else "folder not found")
+    if any(folder.glob("Robot*_Odometry.dat")):
+        chosen = "commands" if velocity is None else velocity
+        data = read_mrclam(folder, robots)
+        groups = data.pairs() if robots is None else [tuple(robots)]
+        return [data.log(group, velocity=chosen, start=start, stop=stop) for group in groups]  # type: ignore[arg-type]
+    if (folder / DETECTIONS).exists():
+        log, has = read_starloc(folder), "mocap"
+    elif (folder / HEADER).exists():
+        log, has = read_log(folder), None
+    else:
+        raise LogError(
+            folder, f"holds no log: no RobotN_Odometry.dat (MR.CLAM), no {DETECTIONS} (STAR-loc), no {HEADER}"
+        )
+    if robots is not None:
+        raise ValueError(f"Argument `robots` must be left out for {folder}: its robots are {', '.join(log.robots)}")
+    if velocity not in (None, has):
+        only = "has the velocities that were recorded" if has is None else f'has velocity "{has}" alone'
+        raise ValueError(f"Argument `velocity` must be left out: {folder} {only}")
+    return [log if start is None and stop is None else log.cut(start, stop)]
+
+
+def replay(
+    path: str | Path,
+    *,
+    robots: Sequence[int] | None = None,
+    start: float | None = None,
+    stop: float | None = None,
+    velocity: str | None = None,
+    estimator: str | Config | Mapping[str, Any] | Sequence[str] | None = None,
+    pose_model: str | None = None,
+    initial_depth_error: float | None = None,
+    initial_pose_error: tuple[float, float, float] | None = None,
+    out: str | Path | None = None,
+    progress: Progress | None = None,
+) -> ReplayResult:
+    """Run estimators on a recorded log as a source of the same observations, and score them.
+
+    Args:
+        path, robots, start, stop, velocity: see `open_logs`.
+        estimator: one or several names, or a configuration; default: the best of the project's on this kind of log
+            and the paper's cascade beside it.
+        pose_model: "position", "velocity" or "printed": observation model of the cascade's pose filter.
+        initial_depth_error: [m] the first depth guess is the truth plus this; default +1 for STAR-loc, as in the
+            paper; without truth (MR.CLAM, by default) a guess of 3 ± 2 m. Own logs keep the prior they were made with.
+        initial_pose_error: [m, m, rad] the first pose guess is the truth plus this; default: no truth.
+        out: folder for replay.json, replay.npz and figures; default: nothing is written.
+        progress: called now and then.
+
+    Raises:
+        LogError: what is wrong with the files, naming file and line.
+        ValueError: what is wrong with the arguments.
+    """
+    logs = open_logs(path, robots=robots, start=start, stop=stop, velocity=velocity)
+    if initial_depth_error is None and logs[0].kind == "starloc":
+        initial_depth_error = 1.0
+    if initial_depth_error is not None or initial_pose_error is not None:
+        logs = [log.with_initial_error(depth=initial_depth_error, pose=initial_pose_error) for log in logs]
+    if estimator is None:
+        both = ["cascade-critical", "cascade"] if len(logs[0].robots) == 1 else ["map-alignment", "cascade"]
+        estimator = ["cascade"] if pose_model is not None else both
+    chosen: list[Any] = list(estimator) if isinstance(estimator, list | tuple) else [estimator]
+    runs: dict[str, list[Run]] = {}
+    total, done = len(chosen) * len(logs), 0
+    for each in chosen:
+        config = configure(logs[0], each, pose_model)
+        name = each if isinstance(each, str) else config.kind
+        runs[name] = []
+        for log in logs:
+
+            def tell(part: float, log: Log = log, name: str = name, done: int = done) -> None:
+                if progress is not None:
+                    progress(f"{name} on {log.name}", (done + part) / total)
+
+            runs[name].append(run_estimator(log, name, config, tell))
+            done += 1
+    options = {
+        "robots": None if robots is None else list(robots),
+        "from_s": start,
+        "to_s": stop,
+        "velocity": logs[0].velocity,
+        "estimators": list(runs),
+        "pose_model": pose_model,
+        "initial_depth_error_m": initial_depth_error,
+        "initial_pose_error": None if initial_pose_error is None else list(initial_pose_error),
+    }
+    result = ReplayResult(Path(path), options, runs)
+    if out is not None:
+        result.save(out)
+    return result

@@ -1,0 +1,59 @@
+"""Options of the estimators for recorded sensors: what each kind of log measures, and how well.
+
+Noise figures are of the sensors and of the commands, not of a run: they are the same for all robots of a set.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+from relloc_env.estimators import CascadeConfig, MapAlignmentConfig, resolve
+from relloc_env.logs.source import Log
+
+Config = CascadeConfig | MapAlignmentConfig
+
+_CASCADE: Mapping[tuple[str, str], Mapping[str, Any]] = {
+    # Bearings of about 4 frames a second, points remembered while out of view.
+    ("mrclam", "commands"): {"image_noise": 0.02, "odometry_noise": (0.08, 0.16), "max_gap": 1.5, "use_unseen": True},
+    ("mrclam", "mocap"): {"image_noise": 0.02, "odometry_noise": (0.01, 0.02), "max_gap": 1.5, "use_unseen": True},
+    # Residuals of 5 to 10 pixels at a focal length of 1077.
+    ("starloc", "mocap"): {"image_noise": 0.007, "odometry_noise": (0.01, 0.01), "max_gap": 1.5},
+}
+_MAP_ALIGNMENT: Mapping[tuple[str, str], Mapping[str, Any]] = {
+    ("mrclam", "commands"): {
+        "image_noise": 0.02,
+        "odometry_noise": (0.04, 0.08),
+        "noise_period": 1.0,
+        "scale_sd": (0.1, 0.1),
+        "forget_after": 300.0,
+    },
+    ("mrclam", "mocap"): {
+        "image_noise": 0.02,
+        "odometry_noise": (0.005, 0.01),
+        "lateral_noise": 0.005,
+        "noise_period": 1.0,
+    },
+    ("starloc", "mocap"): {
+        "image_noise": 0.007,
+        "odometry_noise": (0.01, 0.01),
+        "lateral_noise": 0.01,
+    },
+}
+
+
+def configure(log: Log, estimator: str | Config | Mapping[str, Any], pose_model: str | None = None) -> Config:
+    """Return the configuration of an estimator for a log.
+
+    Args:
+        log: its kind and velocities decide the noise figures.
+        estimator: a name, which takes on the log's figures; a configuration or a mapping is taken as it is.
+        pose_model: observation model of the cascade's pose filter; default as configured.
+    """
+    config = resolve(estimator)
+    if isinstance(estimator, str):
+        table = _CASCADE if isinstance(config, CascadeConfig) else _MAP_ALIGNMENT
+        config = type(config)(**{**config.model_dump(), **table.get((log.kind, log.velocity), {})})
+    if pose_model is not None:
+        if not isinstance(config, CascadeConfig):
+            raise ValueError(f"Argument `pose_model` must be left out for {config.kind}: it has one model of the pose")
+        config = CascadeConfig(**{**config.model_dump(), "pose_model": pose_model})
+    return config
