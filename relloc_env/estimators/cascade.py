@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from relloc_env.estimators.config import CascadeConfig
+from relloc_env.kernels import anchors, depth_state, relative_pose
 from relloc_env.kernels import cascade as kernels
-from relloc_env.kernels import depth_state, pose_filter, relative_pose
 from relloc_env.samples import Estimate, Float, Prior, Rows, Samples, ordered_pairs
 
 _MODELS = {
@@ -40,11 +40,11 @@ class Cascade:
             "depth": np.zeros((n, robots, points, depth_state.SIZE)),
             "settings": np.tile(_settings(config, robots), (n, 1, 1)),
             "guess": np.ones((n, robots, points)),
-            "motion": np.zeros((n, length, robots, pose_filter.MOTION)),
-            "clock": np.zeros((n, length, pose_filter.CLOCK)),
-            "point": np.zeros((n, length, robots, points, pose_filter.POINT)),
+            "motion": np.zeros((n, length, robots, anchors.MOTION)),
+            "clock": np.zeros((n, length, anchors.CLOCK)),
+            "point": np.zeros((n, length, robots, points, anchors.POINT)),
             "usable": np.zeros((n, length, robots, points), dtype=np.bool_),
-            "anchor": np.zeros((n, pairs, length + 1 if length > 1 else 1, pose_filter.ANCHOR)),
+            "anchor": np.zeros((n, pairs, length + 1 if length > 1 else 1, anchors.ANCHOR)),
             "received": np.zeros((n, pairs), dtype=np.uint64),
         }
         # the same memory as tables: cheaper to index in compiled code
@@ -62,7 +62,7 @@ class Cascade:
         )
         self._sizes = np.array([length, robots, points, pairs], dtype=np.int64)
         v_sd, w_sd = config.odometry_noise
-        options = pose_filter.FilterOptions(
+        options = anchors.FilterOptions(
             model=_MODELS[config.pose_model],
             from_depth=config.measurement == "depth",
             variance=config.measurement_sd**2,

@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from relloc_env.kernels import anchors as an
 from relloc_env.kernels import depth_state as ds
 from relloc_env.kernels import pose_filter as pf
 from relloc_env.kernels._compile import kernel
@@ -29,7 +30,7 @@ class State(NamedTuple):
     guess: np.ndarray
     """[m] (N R M,) depth guesses."""
     motion: np.ndarray
-    """This and the following: `pose_filter.Tables`."""
+    """This and the following: `anchors.Tables`."""
     clock: np.ndarray
     point: np.ndarray
     usable: np.ndarray
@@ -52,7 +53,7 @@ def reset(
 
     Args:
         depth_guess, pose_guess, depth_sd, pose_sd: of `samples.Prior`.
-        sizes: (4,) int64, in the order of `pose_filter.Sizes`.
+        sizes: (4,) int64, in the order of `anchors.Sizes`.
         sample, depth, settings, guess, motion, clock, point, usable, anchor, received: `State`, changed in place.
         rows: environments to work on.
 
@@ -62,7 +63,7 @@ def reset(
     if not in_range(rows, sample.shape[0]):
         return ROW_OUT_OF_RANGE
     length, robots, points, pairs = sizes
-    shape = pf.Sizes(length, robots, points, pairs)
+    shape = an.Sizes(length, robots, points, pairs)
     for e in rows:
         sample[e] = -1
         for i in range(robots):
@@ -71,7 +72,7 @@ def reset(
             for m in range(points):
                 depth[r * points + m] = 0.0
                 guess[r * points + m] = depth_guess[e, i, m]
-        pf.start(e, pose_guess, pose_sd, shape, pf.Tables(motion, clock, point, usable, anchor, received))
+        an.start(e, pose_guess, pose_sd, shape, an.Tables(motion, clock, point, usable, anchor, received))
     return OK
 
 
@@ -86,9 +87,9 @@ def update(
     Args:
         period, odometry, image, seen, arrived: `samples.Samples`.
         pairs: (P, 2) ordered pairs (observer, observed).
-        options: (9,) float64, in the order of `pose_filter.FilterOptions`.
+        options: (9,) float64, in the order of `anchors.FilterOptions`.
         use_unseen: whether remembered points take part in the pose update.
-        sizes: (4,) int64, in the order of `pose_filter.Sizes`; P is at most 64.
+        sizes: (4,) int64, in the order of `anchors.Sizes`; P is at most 64.
         sample, depth, settings, guess, motion, clock, point, usable, anchor, received: `State`, changed in place.
         e_points, e_points_covariance, e_known, e_pose, e_pose_covariance: `samples.Estimate`, refreshed in place.
         rows: environments to work on, each once.
@@ -98,7 +99,7 @@ def update(
     """
     if not in_range(rows, sample.shape[0]):
         return ROW_OUT_OF_RANGE
-    shape, options = pf.Sizes(sizes[0], sizes[1], sizes[2], sizes[3]), pf.filter_options(options)
+    shape, options = an.Sizes(sizes[0], sizes[1], sizes[2], sizes[3]), an.filter_options(options)
     length, per_env = shape.length, shape.pairs
     status = OK
     beyond = ~(np.uint64(0xFFFFFFFFFFFFFFFF) >> np.uint64(64 - length))
@@ -138,7 +139,7 @@ def update(
                     for p in range(per_env):
                         if (waiting >> np.uint64((n - begin) * per_env + p)) & np.uint64(1):
                             pf.take_point(
-                                e, pairs[p, 0], pairs[p, 1], m, pf.first_anchor(e, p, shape) + row, row,
+                                e, pairs[p, 0], pairs[p, 1], m, an.first_anchor(e, p, shape) + row, row,
                                 options, shape, motion, point, usable, anchor,
                             )  # fmt: skip
         for n in range(begin, end):
@@ -161,17 +162,17 @@ def sense(
         before, now: rows of `clock` of the sample before and of this one.
         dt: [s] length of the interval between them.
         options, use_unseen: as for `update`.
-        sizes: `pose_filter.Sizes`.
+        sizes: `anchors.Sizes`.
         odometry, image, seen: of `samples.Samples`.
         depth, settings, guess: of `State`.
-        motion, point, usable: of `pose_filter.Tables`.
+        motion, point, usable: of `anchors.Tables`.
     """
     robots, points = sizes.robots, sizes.points
     v, lateral, w = float(odometry[e, k, i, 0]), float(odometry[e, k, i, 1]), float(odometry[e, k, i, 2])
     c_x, c_y, delta = arc(v, lateral, w, dt)
     cos, sin = math.cos(delta), math.sin(delta)
     robot, place = e * robots + i, now * robots + i
-    pf.move(motion, before * robots + i, place, v, lateral, w, dt, c_x, c_y, delta, cos, sin, options)
+    an.move(motion, before * robots + i, place, v, lateral, w, dt, c_x, c_y, delta, cos, sin, options)
     for m in range(points):
         j, to, sees = robot * points + m, place * points + m, seen[e, k, i, m]
         x, y = float(image[e, k, i, m, 0]), float(image[e, k, i, m, 1])
@@ -195,7 +196,7 @@ def show(
         sample, depth, motion, clock, anchor, received: of `State`.
         rows: environments to work on, in range.
     """
-    shape, options = pf.Sizes(sizes[0], sizes[1], sizes[2], sizes[3]), pf.filter_options(options)
+    shape, options = an.Sizes(sizes[0], sizes[1], sizes[2], sizes[3]), an.filter_options(options)
     for e in rows:
         show_environment(
             e, pairs, options, shape, points, points_covariance, known, pose, pose_covariance,

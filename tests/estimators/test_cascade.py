@@ -1,4 +1,4 @@
-"""The cascade against a plain numpy filter, with messages in order, late, out of order and lost."""
+"""The cascade against a plain numpy filter; its state, its rows, its errors."""
 
 import math
 from typing import Any
@@ -11,76 +11,15 @@ from relloc_env.estimators import CascadeConfig, make
 from relloc_env.estimators.cascade import Cascade
 from relloc_env.kernels import camera, depth_state, motion, relative_pose
 from relloc_env.samples import Float, Prior, Samples
+from tests.estimators.driving import NOW, POINTS, late, prior, run, simulate, take
 
 arc: Any = motion.arc
-advance: Any = motion.advance
 relative: Any = motion.relative
 rp: Any = relative_pose
-
-PERIOD = 0.05
-POINTS = np.array([[4.0, 0.6, 0.5], [4.5, -1.0, -0.3], [5.0, 0.2, 0.8]])
-NOW = np.uint64(1)
 
 
 def rotation(theta: float) -> Float:
     return np.array([[math.cos(theta), -math.sin(theta)], [math.sin(theta), math.cos(theta)]])
-
-
-def simulate(
-    steps: int, *, envs: int = 1, seed: int = 0, noise: float = 1.0, seen: float = 0.9
-) -> tuple[Samples, Float]:
-    """Two robots moving at random before three points: samples (K = steps + 1), and the true poses (N, K, 2, 3)."""
-    rng = np.random.default_rng(seed)
-    k = steps + 1
-    period = np.full((envs, k), PERIOD)
-    period[:, 0] = 0.0
-    speed = np.repeat(rng.uniform([0.0, 0.0, -0.1], [0.2, 0.0, 0.1], (envs, k // 10 + 1, 2, 3)), 10, axis=1)[:, :k]
-    poses, image = np.zeros((envs, k, 2, 3)), np.zeros((envs, k, 2, len(POINTS), 2), dtype=np.float32)
-    for n in range(envs):
-        pose = [(0.0, 0.8, -0.1), (0.3, -1.0, 0.3)]
-        for j in range(k):
-            pose = [advance(*pose[i], *speed[n, j, i], period[n, j]) for i in range(2)]
-            for i in range(2):
-                poses[n, j, i] = pose[i]
-                for m, (x, y, height) in enumerate(POINTS):
-                    q = relative(*pose[i], x, y, 0.0)
-                    image[n, j, i, m] = camera.project(q[0], q[1], height)[:2]
-    odometry = speed + noise * rng.normal(0.0, [0.01, 0.0, 0.01], speed.shape)
-    image += (noise * rng.normal(0.0, 0.003, image.shape)).astype(np.float32)
-    visible = rng.random((envs, k, 2, len(POINTS))) < seen
-    image[~visible] = 0.0
-    samples = Samples(
-        period=period,
-        odometry=odometry.astype(np.float32),
-        image=image,
-        seen=visible,
-        arrived=np.full((envs, k, 2), NOW),
-    )
-    return samples, poses
-
-
-def take(samples: Samples, first: int, last: int) -> Samples:
-    """Samples first..last (not included)."""
-    fields: Any = [np.ascontiguousarray(field[:, first:last]) for field in samples]
-    return Samples(*fields)
-
-
-def prior(envs: int, depth: float = 4.0) -> Prior:
-    pose = np.tile([[0.5, -1.2, 0.2], [0.3, 1.5, -0.6]], (envs, 1, 1))
-    return Prior(np.full((envs, 2, len(POINTS)), depth), pose, 1.0, np.array([1.5, 1.5, 1.0]))
-
-
-def run(
-    samples: Samples, config: CascadeConfig | str = "cascade-critical", window: int = 1, *, block: int = 1
-) -> Cascade:
-    envs, k = samples.period.shape
-    estimator = make(config, envs, 2, len(POINTS), message_window=window)
-    assert isinstance(estimator, Cascade)
-    rows = np.arange(envs)
-    estimator.reset(prior(envs), rows)
-    for first in range(0, k, block):
-        estimator.update(take(samples, first, min(first + block, k)), rows)
-    return estimator
 
 
 def reference(samples: Samples, config: CascadeConfig) -> tuple[Float, Float]:
@@ -178,129 +117,6 @@ def test_finds_the_pose_and_claims_what_it_finds_with_true_depths():
     for p, (a, b) in enumerate(((0, 1), (1, 0))):
         expected = relative(*truth[0, -1, a], *truth[0, -1, b])
         np.testing.assert_allclose(estimator.estimate.pose[0, p], expected, atol=2e-3)
-
-
-def late(samples: Samples, window: int, seed: int, loss: float = 0.0) -> Samples:
-    """The same samples, each message delayed at random by less than `window` samples; at the end all have come."""
-    rng = np.random.default_rng(seed)
-    envs, k, pairs = samples.arrived.shape
-    arrived = np.zeros_like(samples.arrived)
-    for n in range(envs):
-        for p in range(pairs):
-            for made in range(k):
-                if rng.random() >= loss:
-                    at = min(made + int(rng.integers(window)), k - 1)
-                    arrived[n, at, p] |= NOW << np.uint64(at - made)
-    return samples._replace(arrived=arrived)
-
-
-@pytest.mark.parametrize("name", ["cascade", "cascade-critical"])
-@pytest.mark.parametrize("window", [2, 8, 64])
-def test_messages_out_of_order_give_exactly_the_result_of_messages_in_order(name, window):
-    samples, _ = simulate(150, envs=4)
-    in_order, out_of_order = run(samples, name), run(late(samples, window, 1), name, window)
-    np.testing.assert_array_equal(out_of_order.estimate.pose, in_order.estimate.pose)
-    np.testing.assert_array_equal(out_of_order.estimate.pose_covariance, in_order.estimate.pose_covariance)
-
-
-def test_late_messages_are_used_with_losses_too():
-    samples, _ = simulate(150, envs=4)
-    lossy = late(samples, 1, seed=2, loss=0.5)
-    delayed = np.zeros_like(lossy.arrived)
-    rng = np.random.default_rng(3)
-    for n, made, p in np.argwhere(lossy.arrived):
-        at = min(made + int(rng.integers(8)), 150)
-        delayed[n, at, p] |= NOW << np.uint64(at - made)
-    on_time, later = run(lossy), run(lossy._replace(arrived=delayed), window=8)
-    last = lossy.arrived[:, -1] != 0  # otherwise the last samples are predictions in both, from the same anchor
-    assert last.any()
-    np.testing.assert_array_equal(later.estimate.pose, on_time.estimate.pose)
-    np.testing.assert_array_equal(later.estimate.pose_covariance, on_time.estimate.pose_covariance)
-
-
-def test_a_message_is_used_at_the_time_it_was_made_for():
-    samples, _ = simulate(100, noise=0.0)
-    delay = 6
-    arrived = np.zeros_like(samples.arrived)
-    arrived[:, delay:] = NOW << np.uint64(delay)
-    estimator = run(samples._replace(arrived=arrived), window=delay + 1)
-    then = run(take(samples, 0, 101 - delay)).estimate.pose[0]
-    for p, (a, b) in enumerate(((0, 1), (1, 0))):
-        pose = then[p]
-        held = samples.odometry[0, 100 - delay, b].astype(float)
-        for k in range(101 - delay, 101):
-            pose = np.array(
-                rp.predict(*pose, *arc(*samples.odometry[0, k, a].astype(float), PERIOD), *arc(*held, PERIOD))[:3]
-            )
-        np.testing.assert_allclose(estimator.estimate.pose[0, p], pose, atol=1e-12)
-
-
-def test_a_gap_is_spanned_exactly_by_dead_reckoning():
-    samples, _ = simulate(60)
-    samples = samples._replace(seen=np.zeros_like(samples.seen))
-    config = CascadeConfig(process="odometry")
-    lost = samples.arrived.copy()
-    lost[:, 10:60] = 0
-    each, gap = run(samples, config), run(samples._replace(arrived=lost), config)
-    np.testing.assert_allclose(gap.estimate.pose, each.estimate.pose, atol=1e-12)
-    np.testing.assert_allclose(gap.estimate.pose_covariance, each.estimate.pose_covariance, atol=1e-12)
-
-
-def test_fixed_process_noise_counts_the_samples_of_a_gap():
-    samples, _ = simulate(60)
-    lost = samples.arrived.copy()
-    lost[:, 1:60] = 0
-    samples = samples._replace(seen=np.zeros_like(samples.seen), arrived=lost)
-    some, more = (run(samples, CascadeConfig(process_sd=sd)).estimate for sd in (1e-3, 2e-3))
-    np.testing.assert_array_equal(some.pose, more.pose)
-    np.testing.assert_allclose((more.pose_covariance - some.pose_covariance)[0, 0], 60 * 3e-6 * np.eye(3), atol=1e-12)
-
-
-def test_without_messages_the_filter_only_predicts_and_grows_less_certain():
-    samples, _ = simulate(100)
-    silent = samples.arrived.copy()
-    silent[:, 50:] = 0
-    samples = samples._replace(arrived=silent)
-    estimator = run(take(samples, 0, 51))
-    rows = np.array([0])
-    before = np.linalg.det(estimator.estimate.pose_covariance[0, 0])
-    for k in range(51, 101):
-        estimator.update(take(samples, k, k + 1), rows)
-        after = np.linalg.det(estimator.estimate.pose_covariance[0, 0])
-        assert after > before
-        before = after
-        assert np.linalg.eigvalsh(estimator.estimate.pose_covariance[0, 0])[0] > 0
-
-
-def test_prediction_of_a_held_velocity_covers_what_was_not_heard():
-    """Monte Carlo, 20,000 draws: B's velocity differs from the last one heard by the stated deviation."""
-    rng = np.random.default_rng(5)
-    draws, sd, hold_sd = 20_000, 0.0005, (0.002, 0.003)
-    u = np.array([[0.15, 0.0, 0.05], [0.1, 0.0, -0.08]])
-    samples, _ = simulate(40, noise=0.0)
-    arrived = np.zeros_like(samples.arrived)
-    arrived[:, 0] = NOW
-    odometry = np.broadcast_to(u.astype(np.float32), samples.odometry.shape).copy()
-    samples = samples._replace(odometry=odometry, seen=np.zeros_like(samples.seen), arrived=arrived)
-    config = CascadeConfig(process="odometry", unheard_sd=hold_sd, odometry_noise=(sd, sd))
-    estimator = make(config, 1, 2, len(POINTS))
-    estimator.reset(prior(1)._replace(pose_sd=np.full(3, 1e-9)), np.array([0]))
-    estimator.update(take(samples, 0, 1), np.array([0]))
-    estimator.update(take(samples, 1, 41), np.array([0]))
-    a = np.zeros((3, draws))
-    b = np.repeat(prior(1).pose[0, 0][:, None], draws, axis=1)
-    hold = rng.normal(0.0, hold_sd, (draws, 2)).T
-    for _ in range(40):
-        for pose, mean, error in ((a, u[0], 0.0), (b, u[1], hold)):
-            speed, turn = mean[[0, 2], None] + rng.normal(0.0, sd, (2, draws)) + error
-            middle = pose[2] + 0.5 * PERIOD * turn
-            pose[:] += PERIOD * np.stack([speed * np.cos(middle), speed * np.sin(middle), turn])
-    d = b - a
-    ends = np.stack([np.cos(a[2]) * d[0] + np.sin(a[2]) * d[1], np.cos(a[2]) * d[1] - np.sin(a[2]) * d[0], d[2]])
-    # both say the same about every direction
-    ratio = np.linalg.eigvals(np.linalg.solve(estimator.estimate.pose_covariance[0, 0], np.cov(ends))).real
-    assert ratio.min() > 0.9
-    assert ratio.max() < 1.1
 
 
 def test_blocks_rows_and_batches_do_not_change_a_bit():
