@@ -305,8 +305,11 @@ class EnvConfig(Model):
     @classmethod
     def _counts(cls, data: Any) -> Any:
         """Fixed points set their number."""
-        if isinstance(data, Mapping) and data.get("points") is not None and "targets" not in data:
-            data = {**data, "targets": len(data["points"])}
+        points = data.get("points") if isinstance(data, Mapping) else None
+        if isinstance(points, list | tuple):
+            if not points:
+                raise ValueError("must have at least one point in `points`, but has none")
+            data = {"targets": len(points), **data}
         return data
 
     @field_validator("reward")
@@ -385,8 +388,15 @@ class EnvConfig(Model):
         return {"information_depth" if self.robots == 1 else "information_pose": 3.0, "blocked": -0.02}
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain data from which `load_config` makes the same configuration."""
-        return self.model_dump(mode="json")
+        """Plain data from which `load_config` makes the same configuration.
+
+        What the estimator does not state (it takes the noise of the sensors then) stays unstated.
+        """
+        data = self.model_dump(mode="json")
+        if self.estimator is not None:
+            stated = self.estimator.model_dump(mode="json", exclude_unset=True)
+            data["estimator"] = {"kind": self.estimator.kind, **stated}
+        return data
 
 
 def _clearance(obstacle: DiscConfig | BoxConfig, x: float, y: float) -> float:
@@ -416,9 +426,14 @@ def validate(model: type[M], data: Any) -> M:
         raise ConfigError("\n".join(_explain(model, e) for e in error.errors())) from None
 
 
+_TAGS = ("disc", "box", "cascade", "map-alignment")
+"""Parts of pydantic's paths that say which of several configurations was tried."""
+
+
 def _explain(model: type[BaseModel], error: Any) -> str:
     """One line for one of pydantic's errors, in the project's words."""
-    path = [str(part) for part in error["loc"] if not str(part).startswith("function-")]
+    *place, last = [str(part) for part in error["loc"] if not str(part).startswith("function-")] or [""]
+    path = [*(part for part in place if part not in _TAGS), last]
     name = ".".join(path)
     if error["type"] == "extra_forbidden":
         return f"Unknown option `{name}`{hint(path[-1], _fields_at(model, path[:-1]))}"
@@ -468,20 +483,38 @@ def read_file(path: str | Path) -> dict[str, Any]:
         data = yaml.safe_load(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise ConfigError(f"Argument `config` must be a readable file, but {str(path)!r}: {error.strerror}") from None
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
+    except (yaml.YAMLError, ValueError, RecursionError) as error:  # ValueError: no text, or a date that is none
         raise ConfigError(f"{path} must be YAML or JSON, but: {error}") from None
     if not isinstance(data, dict):
         raise ConfigError(f"{path} must hold a mapping, but holds {type(data).__name__}")
     return data
 
 
+_CHOICES = {"estimator": "kind", "camera": "preset"}
+"""Entries whose change makes the others of their mapping void."""
+
+
 def merge(base: Mapping[str, Any], extra: Mapping[str, Any]) -> dict[str, Any]:
-    """Put `extra` over `base`, mapping by mapping."""
+    """Put `extra` over `base`, mapping by mapping; a mapping goes over each entry of a list of robots or cameras."""
     out = dict(base)
+    for one, other in (("field_of_view", "focal_length"), ("focal_length", "field_of_view")):
+        if one in extra:
+            out.pop(other, None)
     for key, value in extra.items():
-        old = out.get(key)
-        out[key] = merge(old, value) if isinstance(old, Mapping) and isinstance(value, Mapping) else value
+        out[key] = _over(key, out.get(key), value)
     return out
+
+
+def _over(key: str, old: Any, value: Any) -> Any:
+    """Return what stands at `key` after `value` was put over `old`."""
+    if not isinstance(value, Mapping):
+        return value
+    if key in ("robot", "camera") and isinstance(old, list | tuple):
+        return [_over(key, entry, value) for entry in old]
+    choice = _CHOICES.get(key)
+    if not isinstance(old, Mapping) or (choice in value and value[choice] != old.get(choice)):
+        return value
+    return merge(old, value)
 
 
 def load_config(config: EnvConfig | Mapping[str, Any] | str | Path | None = None, **options: Any) -> EnvConfig:
@@ -498,7 +531,7 @@ def load_config(config: EnvConfig | Mapping[str, Any] | str | Path | None = None
     from relloc_env.scenarios import scenario  # scenarios are built of configurations
 
     if isinstance(config, EnvConfig):
-        data: dict[str, Any] = config.model_dump(exclude_unset=True)
+        data: dict[str, Any] = {k: v for k, v in config.to_dict().items() if k in config.model_fields_set}
     elif isinstance(config, str) and not config.endswith((".yaml", ".yml", ".json")):
         data = {"scenario": config}
     elif isinstance(config, str | Path):
@@ -507,6 +540,8 @@ def load_config(config: EnvConfig | Mapping[str, Any] | str | Path | None = None
         data = dict(config or {})
     else:
         raise ConfigError(f"Argument `config` must be a mapping, a file or a name, but is {type(config).__name__}")
+    if options.get("points") is not None and "targets" not in options:
+        data.pop("targets", None)  # other points may be of another number
     data = merge(data, options)
     name = data.pop("scenario", None)
     if name is not None:

@@ -44,6 +44,8 @@ SCENARIOS: dict[str, dict[str, Any]] = {
 
 def scenario(name: str) -> dict[str, Any]:
     """Return the options of a named scenario."""
-    if name not in SCENARIOS:
-        raise ConfigError(f"Unknown scenario `{name}`{hint(name, tuple(SCENARIOS))}; known: {', '.join(SCENARIOS)}")
+    if not isinstance(name, str) or name not in SCENARIOS:
+        raise ConfigError(
+            f"Unknown scenario `{name}`{hint(str(name), tuple(SCENARIOS))}; known: {', '.join(SCENARIOS)}"
+        )
     return SCENARIOS[name]
