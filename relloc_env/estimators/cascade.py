@@ -36,7 +36,7 @@ class Cascade:
         pairs = len(self._pairs)
         n, length = num_envs, message_window
         self._arrays: dict[str, NDArray[Any]] = {
-            "sample": np.full(n, -1, dtype=np.int64),
+            "sample": np.full(n, -2, dtype=np.int64),
             "depth": np.zeros((n, robots, points, depth_state.SIZE)),
             "settings": np.tile(_settings(config, robots), (n, 1, 1)),
             "guess": np.ones((n, robots, points)),
@@ -160,6 +160,8 @@ class Cascade:
     def _raise(self, status: int) -> None:
         if status == kernels.ROW_OUT_OF_RANGE:
             raise IndexError(f"Argument `rows` must lie in [0, {len(self._state.sample)}), but does not.")
+        if status == kernels.NOT_RESET:
+            raise RuntimeError("The estimator must be reset before it is updated: some of `rows` never were.")
         if status == kernels.MESSAGE_TOO_OLD:
             window = self._sizes[0]
             raise ValueError(

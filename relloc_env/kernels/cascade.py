@@ -12,17 +12,17 @@ from relloc_env.kernels._compile import kernel
 from relloc_env.kernels.depth_covariance import body_to_polar
 from relloc_env.kernels.motion import arc
 
-DEPTH_SD = 7
+DEPTH_SD = ds.Settings._fields.index("depth_sd")
 """Column of `settings`."""
 
-OK, ROW_OUT_OF_RANGE, MESSAGE_TOO_OLD = 0, 1, 2
+OK, ROW_OUT_OF_RANGE, MESSAGE_TOO_OLD, NOT_RESET = 0, 1, 2, 3
 
 
 class State(NamedTuple):
     """All that the cascade remembers of N environments; tables have one row per element of the leading axes."""
 
     sample: np.ndarray
-    """(N,) int64 number of the last sample; -1 before the first."""
+    """(N,) int64 number of the last sample; -1 after a reset, -2 before it."""
     depth: np.ndarray
     """(N R M, depth_state.SIZE) depth observers."""
     settings: np.ndarray
@@ -95,10 +95,13 @@ def update(
         rows: environments to work on, each once.
 
     Returns:
-        OK, or ROW_OUT_OF_RANGE (then nothing was done), or MESSAGE_TOO_OLD (such messages were left out).
+        OK; ROW_OUT_OF_RANGE or NOT_RESET (then nothing was done); or MESSAGE_TOO_OLD (such messages were left out).
     """
     if not in_range(rows, sample.shape[0]):
         return ROW_OUT_OF_RANGE
+    for e in rows:
+        if sample[e] < -1:
+            return NOT_RESET
     shape, options = an.Sizes(sizes[0], sizes[1], sizes[2], sizes[3]), an.filter_options(options)
     length, per_env = shape.length, shape.pairs
     status = OK

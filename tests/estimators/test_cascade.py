@@ -271,6 +271,15 @@ def test_rows_out_of_range_are_refused_and_nothing_changes(row):
         np.testing.assert_array_equal(array, before[name])
 
 
+def test_an_update_before_the_first_reset_is_refused():
+    samples, _ = simulate(5, envs=2)
+    estimator = make("cascade", 2, 2, len(POINTS))
+    estimator.reset(prior(2), np.array([1]))
+    with pytest.raises(RuntimeError, match="must be reset before"):
+        estimator.update(samples, np.arange(2))
+    estimator.update(samples, np.array([1]))
+
+
 def test_messages_older_than_the_window_are_refused():
     samples, _ = simulate(5)
     arrived: NDArray[np.uint64] = samples.arrived.copy()
