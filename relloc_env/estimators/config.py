@@ -98,6 +98,8 @@ class MapAlignmentConfig(EstimatorOptions):
     variance (1.0: the noise is given in m/√s and rad/√s). None: any sample has it, whatever its length."""
     scale_sd: tuple[NonNegativeFloat, NonNegativeFloat] = (0.0, 0.0)
     """[-] standard deviation of the scales of speed and yaw rate, estimated per robot; 0: exact."""
+    turn_loss_sd: NonNegativeFloat = 0.0
+    """[m/rad] standard deviation of the forward speed lost per yaw rate in turns, estimated per robot; 0: none."""
     camera_yaw_sd: NonNegativeFloat = 0.0
     """[rad] standard deviation of the camera's yaw in the body, estimated per robot; 0: straight ahead."""
     camera_delay_sd: NonNegativeFloat = 0.0
@@ -146,6 +148,7 @@ PRESETS: Mapping[str, CascadeConfig | MapAlignmentConfig] = MappingProxyType(
             camera_delay_sd=0.1,
             inverse_range_prior=(0.35, 0.3),
             forget_after=300.0,
+            grid_period=None,
         ),
         "map-alignment-commands": MapAlignmentConfig(
             image_noise=0.02,
@@ -153,9 +156,11 @@ PRESETS: Mapping[str, CascadeConfig | MapAlignmentConfig] = MappingProxyType(
             lateral_noise=0.02,
             noise_period=1.0,
             scale_sd=(0.1, 0.1),
+            turn_loss_sd=0.1,
             camera_delay_sd=0.1,
             inverse_range_prior=(0.35, 0.3),
             forget_after=300.0,
+            grid_period=None,
         ),
     }
 )

@@ -14,8 +14,8 @@ from relloc_env.kernels.map_tracking import Maps, Options
 from relloc_env.kernels.pair_tracking import Pairs
 from relloc_env.samples import Estimate, Prior, Rows, Samples, ordered_pairs
 
-NOMINAL = np.array([1.0, 1.0, 0.0, 0.0])
-"""Calibration of a robot as built: scales 1, camera straight ahead, no delay."""
+NOMINAL = np.array([1.0, 1.0, 0.0, 0.0, 0.0])
+"""Calibration of a robot as built: scales 1, no loss, camera straight ahead, no delay."""
 
 
 class MapAlignment:
@@ -40,7 +40,7 @@ class MapAlignment:
         self._heights = np.array(heights)
         self._ends = ordered_pairs(robots)
         self._options = _options(config)
-        self._calibration_sd = (*config.scale_sd, config.camera_yaw_sd, config.camera_delay_sd)
+        self._calibration_sd = (*config.scale_sd, config.turn_loss_sd, config.camera_yaw_sd, config.camera_delay_sd)
         self._first = 3 * points
         size = 3 * points + (CALIBRATION if any(self._calibration_sd) else 0)
         n, w, r, m, p = num_envs, message_window, robots, points, len(self._ends)
@@ -137,7 +137,7 @@ class MapAlignment:
 
     @property
     def calibration(self) -> NDArray[np.float64]:
-        """(N, R, 4) estimated scales of speed and yaw rate, camera yaw [rad], camera delay [s]; a copy."""
+        """(N, R, 5) estimated (k_v, k_w, kappa, psi, tau), see `kernels.local_map`; a copy."""
         maps = self._maps
         n, _, r, _ = maps.state.shape
         if not any(self._calibration_sd):

@@ -2,9 +2,9 @@
 
 A point is (beta, eta, rho): bearing, height over horizontal range, inverse horizontal range, in the body frame; regular
 beside and behind the camera, where image coordinates are not. The state of m points is their 3 m coordinates, then,
-where the robot's own calibration is estimated too, (k_v, k_w, psi, tau): the scales of speed and yaw rate, the yaw of
-the camera in the body [rad] and the delay of its images behind the odometry [s]; D = 3 m or 3 m + 4. The full
-covariance keeps what the shared odometry noise and calibration tie together.
+where the robot's own calibration is estimated too, (k_v, k_w, kappa, psi, tau): the scales of speed and yaw rate, the
+speed lost in turns [m/rad], the yaw of the camera in the body [rad] and the delay of its images behind the odometry
+[s]; D = 3 m or 3 m + 5. The full covariance keeps what the shared odometry noise and calibration tie together.
 """
 
 import math
@@ -13,7 +13,7 @@ from relloc_env.kernels._compile import kernel
 from relloc_env.kernels.camera import to_polar
 from relloc_env.kernels.motion import arc, sinc, wrap_angle
 
-CALIBRATION = 4
+CALIBRATION = 5
 """Numbers of a robot's calibration at the end of the state."""
 NO_HEIGHT_VARIANCE = 1.0
 """[-] variance of eta where the sensor gives bearings alone; eta is 0 there and carries nothing."""
@@ -104,10 +104,20 @@ def image_noise(x, y, variance):
 
 
 @kernel
+def calibrated_velocity(state, points, v, lateral, w):
+    """Velocity of a robot from what its odometry says: (k_v v - kappa |w|, k_v l, k_w w) by the state's calibration."""
+    first = 3 * points
+    if state.shape[0] > first:
+        k_v, k_w, kappa = state[first], state[first + 1], state[first + 2]
+        return k_v * v - kappa * abs(w), k_v * lateral, k_w * w
+    return v, lateral, w
+
+
+@kernel
 def map_predict(state, covariance, known, v, lateral, w, dt, var_v, var_lateral, var_w, work):
     """Move all known points of a map by the robot's motion over a step, P⁺ = F P Fᵀ + G Q Gᵀ.
 
-    With a calibration in the state, the robot moves with (k_v v, k_v l, k_w w).
+    With a calibration in the state, the robot moves with `calibrated_velocity`.
 
     Args:
         state: (D,) and covariance: (D, D), changed in place.
@@ -119,12 +129,11 @@ def map_predict(state, covariance, known, v, lateral, w, dt, var_v, var_lateral,
     """
     points, size = known.shape[0], state.shape[0]
     first = 3 * points
-    scales = size > first
-    k_v, k_w = 1.0, 1.0
-    if scales:
-        k_v, k_w = state[first], state[first + 1]
-    c_x, c_y, delta = arc(k_v * v, k_v * lateral, k_w * w, dt)
-    vx, vy, lx, ly, wx, wy = arc_jacobian(k_v * v, k_v * lateral, k_w * w, dt)
+    calibrated = size > first
+    u_v, u_l, u_w = calibrated_velocity(state, points, v, lateral, w)
+    c_x, c_y, delta = arc(u_v, u_l, u_w, dt)
+    vx, vy, lx, ly, wx, wy = arc_jacobian(u_v, u_l, u_w, dt)
+    kx, ky = -abs(w) * vx, -abs(w) * vy
     sx, sy = v * vx + lateral * lx, v * vy + lateral * ly
     tx, ty, tt = w * wx, w * wy, w * dt
     for i in range(points):
@@ -143,23 +152,27 @@ def map_predict(state, covariance, known, v, lateral, w, dt, var_v, var_lateral,
             covariance[p, j] = bb * a + br * c
             covariance[p + 1, j] = eb * a + inv * b + er * c
             covariance[p + 2, j] = rb * a + rr * c
-        if scales:
+        if calibrated:
             for j in range(size):
-                a, b = covariance[first, j], covariance[first + 1, j]
+                a, b, c = covariance[first, j], covariance[first + 1, j], covariance[first + 2, j]
                 for k in range(3):
                     g_x, g_y, g_t = work[p + k, 0], work[p + k, 1], work[p + k, 2]
-                    covariance[p + k, j] += (g_x * sx + g_y * sy) * a + (g_x * tx + g_y * ty + g_t * tt) * b
+                    covariance[p + k, j] += (
+                        g_x * (sx * a + tx * b + kx * c) + g_y * (sy * a + ty * b + ky * c) + g_t * tt * b
+                    )
         for j in range(size):
             a, b, c = covariance[j, p], covariance[j, p + 1], covariance[j, p + 2]
             covariance[j, p] = bb * a + br * c
             covariance[j, p + 1] = eb * a + inv * b + er * c
             covariance[j, p + 2] = rb * a + rr * c
-        if scales:
+        if calibrated:
             for j in range(size):
-                a, b = covariance[j, first], covariance[j, first + 1]
+                a, b, c = covariance[j, first], covariance[j, first + 1], covariance[j, first + 2]
                 for k in range(3):
                     g_x, g_y, g_t = work[p + k, 0], work[p + k, 1], work[p + k, 2]
-                    covariance[j, p + k] += (g_x * sx + g_y * sy) * a + (g_x * tx + g_y * ty + g_t * tt) * b
+                    covariance[j, p + k] += (
+                        g_x * (sx * a + tx * b + kx * c) + g_y * (sy * a + ty * b + ky * c) + g_t * tt * b
+                    )
     # The velocity noise moves all points at once: (c_x, c_y, delta) has covariance Q, point i takes g_i.
     q_xx = var_v * vx * vx + var_lateral * lx * lx + var_w * wx * wx
     q_xy = var_v * vx * vy + var_lateral * lx * ly + var_w * wx * wy
@@ -195,7 +208,7 @@ def seen_bearing(state, points, beta, w):
     """Bearing in the body frame of what the camera sees at `beta`: beta + psi - w tau by the state's calibration."""
     first = 3 * points
     if state.shape[0] > first:
-        return beta + state[first + 2] - w * state[first + 3]
+        return beta + state[first + 3] - w * state[first + 4]
     return beta
 
 
@@ -219,9 +232,9 @@ def map_enter(state, covariance, known, i, x, y, w, variance, rho, rho_variance)
     r_bb, r_be, r_ee = image_noise(x, height, variance)
     if size > first:
         for j in range(size):
-            covariance[p, j] = covariance[first + 2, j] - w * covariance[first + 3, j]
+            covariance[p, j] = covariance[first + 3, j] - w * covariance[first + 4, j]
             covariance[j, p] = covariance[p, j]
-        covariance[p, p] = covariance[p, first + 2] - w * covariance[p, first + 3]
+        covariance[p, p] = covariance[p, first + 3] - w * covariance[p, first + 4]
     state[p], state[p + 1], state[p + 2] = wrap_angle(seen_bearing(state, known.shape[0], beta, w)), eta, rho
     covariance[p, p] += r_bb
     if not level:
@@ -270,10 +283,10 @@ def map_correct(state, covariance, points, i, x, y, w, variance, gate, bearing_g
     for j in range(size):
         work[j, 0], work[j, 1] = covariance[j, p], covariance[j, p + 1]
         if size > first:
-            work[j, 0] += w * covariance[j, first + 3] - covariance[j, first + 2]
+            work[j, 0] += w * covariance[j, first + 4] - covariance[j, first + 3]
     s_bb = work[p, 0] + r_bb
     if size > first:
-        s_bb += w * work[first + 3, 0] - work[first + 2, 0]
+        s_bb += w * work[first + 4, 0] - work[first + 3, 0]
     s_be, s_ee = work[p + 1, 0] + r_be, work[p + 1, 1] + r_ee
     e_b, e_e = wrap_angle(seen_bearing(state, points, beta, w) - state[p]), eta - state[p + 1]
     if level:

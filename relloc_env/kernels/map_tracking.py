@@ -6,7 +6,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from relloc_env.kernels._compile import kernel
-from relloc_env.kernels.local_map import depth_prior, map_correct, map_enter, map_forget, map_predict
+from relloc_env.kernels.local_map import (
+    calibrated_velocity,
+    depth_prior,
+    map_correct,
+    map_enter,
+    map_forget,
+    map_predict,
+)
 
 Float = NDArray[np.float64]
 Int = NDArray[np.int64]
@@ -139,11 +146,7 @@ def observe(maps, options, n, dt, odometry, image, seen, work):
 
 
 @kernel
-def scaled_motion(maps, n, slot, r):
-    """(v, l, w) of a robot in one sample of the ring, by its own estimate of the odometry's scale."""
-    state, motion = maps.state[n, slot, r], maps.motion[n, slot, r]
-    first = 3 * maps.known.shape[3]
-    if state.shape[0] > first:
-        k_v, k_w = state[first], state[first + 1]
-        return k_v * motion[1], k_v * motion[2], k_w * motion[3]
-    return motion[1], motion[2], motion[3]
+def motion_of(maps, n, slot, r):
+    """(v, l, w) of a robot in one sample of the ring, by its own estimate of its calibration."""
+    motion = maps.motion[n, slot, r]
+    return calibrated_velocity(maps.state[n, slot, r], maps.known.shape[3], motion[1], motion[2], motion[3])

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from relloc_env.kernels._compile import kernel
 from relloc_env.kernels.local_map import arc_jacobian
-from relloc_env.kernels.map_tracking import scaled_motion, velocity_variance
+from relloc_env.kernels.map_tracking import motion_of, velocity_variance
 from relloc_env.kernels.motion import arc, wrap_angle
 
 Float = NDArray[np.float64]
@@ -131,8 +131,8 @@ def move_anchor(maps, pairs, options, n, p, a, b, work):
     dt = maps.motion[n, slot, a, 0]
     if dt == 0.0:
         return
-    v_a, l_a, w_a = scaled_motion(maps, n, slot, a)
-    v_b, l_b, w_b = scaled_motion(maps, n, slot, b)
+    v_a, l_a, w_a = motion_of(maps, n, slot, a)
+    v_b, l_b, w_b = motion_of(maps, n, slot, b)
     variance = velocity_variance(options, dt)
     carry(pairs.prior[n, p], pairs.prior_covariance[n, p], v_a, l_a, w_a, v_b, l_b, w_b, dt, variance, variance, work)
     anchored, covariance = pairs.anchored[n, p], pairs.anchored_covariance[n, p]
@@ -167,7 +167,7 @@ def keep_pair(maps, pairs, options, n, p, a, b, arrived, work):
     if heard:
         pairs.silence[n, p] = newest
         slot = (maps.cursor[n] - newest) % window
-        v, lateral, w = scaled_motion(maps, n, slot, b)
+        v, lateral, w = motion_of(maps, n, slot, b)
         pairs.heard[n, p, 0], pairs.heard[n, p, 1], pairs.heard[n, p, 2] = v, lateral, w
     # Without a message the anchor still moves, quietly, before the ring loses its sample.
     target = newest if heard else window - 1
@@ -193,7 +193,7 @@ def show_pose(maps, pairs, options, n, p, a, renewed, work):
         dt = maps.motion[n, slot, a, 0]
         if dt == 0.0:
             continue
-        v_a, l_a, w_a = scaled_motion(maps, n, slot, a)
+        v_a, l_a, w_a = motion_of(maps, n, slot, a)
         v_b, l_b, w_b = pairs.heard[n, p, 0], pairs.heard[n, p, 1], pairs.heard[n, p, 2]
         variance = velocity_variance(options, dt)
         # A change of velocity lasts: displacement grows with the time unheard, not with its root.

@@ -26,7 +26,7 @@ def random_map(rng: np.random.Generator, points: int, calibrated: bool) -> tuple
     state = np.empty(size)
     state[: 3 * points] = rng.uniform([-1.2, -0.5, 0.1], [1.2, 0.5, 1.0], (points, 3)).ravel()
     if calibrated:
-        state[3 * points :] = rng.uniform([0.8, 0.8, -0.1, -0.2], [1.2, 1.2, 0.1, 0.2])
+        state[3 * points :] = rng.uniform([0.8, 0.8, -0.1, -0.1, -0.2], [1.2, 1.2, 0.1, 0.1, 0.2])
     root = 0.05 * rng.normal(size=(size, size))
     return state, root @ root.T + 1e-4 * np.eye(size)
 
@@ -89,8 +89,8 @@ def test_prediction_is_that_of_dense_matrices_20_cases(calibrated: bool) -> None
         u = rng.uniform(-0.5, 0.5, 3)
 
         def move(values: Float, u: Float, known: NDArray[np.bool_] = known) -> Float:
-            k_v, k_w = (values[-4], values[-3]) if calibrated else (1.0, 1.0)
-            c_x, c_y, delta = arc(k_v * u[0], k_v * u[1], k_w * u[2], dt)
+            k_v, k_w, loss = values[-5:-2] if calibrated else (1.0, 1.0, 0.0)
+            c_x, c_y, delta = arc(k_v * u[0] - loss * abs(u[2]), k_v * u[1], k_w * u[2], dt)
             out = values.copy()
             for i in np.flatnonzero(known):
                 beta, eta, rho = values[3 * i : 3 * i + 3]
@@ -100,9 +100,12 @@ def test_prediction_is_that_of_dense_matrices_20_cases(calibrated: bool) -> None
             return out
 
         def velocity_moves(du: Float, state: Float = state, u: Float = u) -> Float:
-            # The noise adds to the true velocity, which the scaled measured one stands for.
-            scale = np.array([state[-4], state[-4], state[-3]]) if calibrated else np.ones(3)
-            return move(state, u + du / scale)
+            # The noise adds to the true velocity, which the calibrated one stands for.
+            if not calibrated:
+                return move(state, u + du)
+            k_v, k_w, loss = state[-5:-2]
+            true = np.array([k_v * u[0] - loss * abs(u[2]), k_v * u[1], k_w * u[2]])
+            return np.append(move(np.append(state[:-5], [1.0, 1.0, 0.0, 0.0, 0.0]), true + du)[:-5], state[-5:])
 
         def state_moves(values: Float, u: Float = u) -> Float:
             return move(values, u)
@@ -176,7 +179,7 @@ def test_entering_has_the_covariance_of_its_formula() -> None:
     row[3:6] = 0.0
     tied = row[-2] - w * row[-1]
     assert_allclose(state[3:6], [beta + psi - w * tau, eta, 0.25], atol=1e-15)
-    others = [0, 1, 2, 6, 7, 8, 9, 10, 11, 12]
+    others = [0, 1, 2, 6, 7, 8, 9, 10, 11, 12, 13]
     assert_allclose(covariance[3, others], row[others], atol=1e-15)
     assert_allclose(covariance[3:6, 3:6], [[tied + r_bb, r_be, 0], [r_be, r_ee, 0], [0, 0, 0.04]], atol=1e-15)
     assert not covariance[4:6, others].any()
