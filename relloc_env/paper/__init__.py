@@ -1,0 +1,45 @@
+"""The paper, reproduced: its scenarios, its claims beside what was measured, its figures redrawn."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from relloc_env.paper.claim import Claim, claims_table, write_claims
+
+if TYPE_CHECKING:
+    from relloc_env.paper.studies import Studies
+
+__all__ = ["Claim", "claims_table", "reproduce", "write_claims"]
+
+
+def reproduce(out: Path, report: Callable[[str], None] = lambda _: None, studies: Studies | None = None) -> list[Claim]:
+    """Run everything, write `claims.json` and the figures to `out`, and return the claims.
+
+    Args:
+        out: a folder, made where it is missing.
+        report: told what is about to run.
+        studies: the runs, where they are done already (`relloc_env.paper.studies.run_studies`).
+    """
+    from relloc_env.paper.claims_depth_filter import depth_filter_claims
+    from relloc_env.paper.claims_experiment import experiment_claims
+    from relloc_env.paper.claims_pose_filter import pose_filter_claims
+    from relloc_env.paper.claims_simulation import simulation_claims
+    from relloc_env.paper.figures import draw_figures
+    from relloc_env.paper.studies import run_studies
+
+    if studies is None:
+        studies = run_studies(report)
+    report("claims")
+    claims = [
+        *depth_filter_claims(studies),
+        *pose_filter_claims(studies),
+        *simulation_claims(studies),
+        *experiment_claims(studies),
+    ]
+    out.mkdir(parents=True, exist_ok=True)
+    write_claims(claims, out / "claims.json")
+    report("figures")
+    draw_figures(studies, out)
+    return claims
