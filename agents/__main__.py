@@ -1,0 +1,43 @@
+"""`python -m agents`: what agents do, from the command line."""
+
+from pathlib import Path
+from typing import Annotated, NoReturn
+
+import typer
+
+app = typer.Typer(add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False, help=__doc__)
+
+
+@app.callback()
+def _agents() -> None:
+    """Ways to move, shown and compared."""
+
+
+@app.command()
+def demo(
+    out: Annotated[Path, typer.Option(help="Folder for tables, figures, the animation and the results.")] = Path(
+        "out/demo"
+    ),
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the random scenario.")] = 4,
+    log: Annotated[Path | None, typer.Option(help="Recorded log to replay, in place of those at hand.")] = None,
+) -> None:
+    """Run the paper's experiment, a handful of motions on one scenario, and recorded robots where logs are at hand."""
+    try:
+        from agents.demo import run
+        from relloc_env.logs import LogError
+    except ModuleNotFoundError as error:
+        _stop(f"The package `{error.name}` is missing: pip install -e '.[render,logs]'")
+    try:
+        run(out, seed=seed, log=log)
+    except (LogError, ValueError, OSError) as error:
+        _stop(str(error))
+
+
+def _stop(message: str) -> NoReturn:
+    """Print one line and end with exit code 2."""
+    typer.echo(f"Error: {message}", err=True)
+    raise typer.Exit(2)
+
+
+if __name__ == "__main__":
+    app()

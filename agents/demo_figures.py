@@ -1,0 +1,227 @@
+"""Figures of the demonstration, drawn from its episodes."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib import font_manager
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.patches import PathPatch, Wedge
+from matplotlib.path import Path as Outline
+from PIL import Image, ImageDraw, ImageFont
+
+from agents.rollout import Episode, Frame
+from relloc_env.config import EnvConfig
+from relloc_env.rendering import robot_colour, target_colours
+
+STYLE: Any = {
+    "font.size": 9.0,
+    "axes.titlesize": 9.5,
+    "axes.titleweight": "bold",
+    "axes.titlelocation": "left",
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "grid.color": "#E6E6E6",
+    "grid.linewidth": 0.6,
+    "lines.linewidth": 1.6,
+    "legend.frameon": False,
+    "legend.fontsize": 8.0,
+    "figure.constrained_layout.use": True,
+}
+GREY = "#767676"
+LINES = ("#000000", "#E69F00", "#56B4E9", "#009E73", "#0072B2", "#D55E00", "#CC79A7", "#8C6D31")
+"""Okabe and Ito's colours, told apart by all."""
+PAPER_TIMES = (13.0, 25.0)
+"""[s] after which the depths of robots A and B have converged in the paper's experiment."""
+
+SUCCESS = (0.05, 1.5)
+"""[m, deg] what counts as found."""
+SCALE = 0.75
+"""Size of the animation's pictures, over that of the environment's."""
+HEADLINE = 26
+"""[px] height of the line with a name."""
+PAGE = (250, 250, 248)
+
+
+def _figure(width: float, height: float) -> Figure:
+    figure = Figure(figsize=(width, height))
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def _colour(rgb: tuple[int, int, int]) -> tuple[float, float, float]:
+    red, green, blue = (part / 255.0 for part in rgb)
+    return red, green, blue
+
+
+def paper_experiment(episode: Episode, config: EnvConfig, path: Path) -> None:
+    """Paths, depth errors, and errors of the relative pose of the paper's experiment."""
+    with mpl.rc_context(STYLE):
+        figure = _figure(10.0, 6.4)
+        figure.suptitle("The paper's experiment: two robots find each other by two points", x=0.01, ha="left")
+        axes = figure.subplots(2, 2)
+        _map(axes[0, 0], episode, config)
+        axes[0, 0].set_title("Paths, first and last views")
+        _depths(axes[0, 1], episode)
+        for j, (axis, unit, name) in enumerate(
+            zip(axes[1], (1.0, 180.0 / np.pi), ("Position", "Heading"), strict=True)
+        ):
+            for p, label in enumerate(("A's belief of B", "B's belief of A")):
+                axis.plot(episode.time, unit * episode.pose_error[:, p, j], color=_colour(robot_colour(p)), label=label)
+            axis.set(
+                title=f"{name} of the other robot", xlabel="time [s]", ylabel=f"error [{'m' if j == 0 else 'deg'}]"
+            )
+            axis.set_ylim(bottom=0.0)
+            axis.legend(loc="upper right")
+        figure.savefig(path, dpi=130)
+
+
+def _depths(axis: Axes, episode: Episode) -> None:
+    for r in range(episode.poses.shape[1]):
+        colour = _colour(robot_colour(r))
+        for i in range(len(episode.points)):
+            label = f"robot {'AB'[r]}, target {i + 1}"
+            axis.plot(episode.time, episode.depth_error[:, r, i], color=colour, ls=("-", "--")[i % 2], label=label)
+        axis.axvline(PAPER_TIMES[r], color=colour, lw=1.0, ls=":")
+        axis.annotate(
+            f"paper: {PAPER_TIMES[r]:g} s", (PAPER_TIMES[r], 1.0), xytext=(3, -8), textcoords="offset points",
+            xycoords=("data", "axes fraction"), fontsize=8.0, color=colour,
+        )  # fmt: skip
+    axis.axhline(0.0, color=GREY, lw=0.8)
+    axis.set(title="Depth estimates", xlabel="time [s]", ylabel="error [m]")
+    axis.legend(loc="center right")
+
+
+def _map(axis: Axes, episode: Episode, config: EnvConfig, *, reach: float = 1.6) -> None:
+    """The world from above: walls, targets, paths with their views at the start and at the end."""
+    xy = np.concatenate([episode.poses[..., :2].reshape(-1, 2), episode.points[:, :2]])
+    for r in range(episode.poses.shape[1]):
+        colour, track = _colour(robot_colour(r)), episode.poses[:, r]
+        half = np.degrees(config.camera_of(r).half_view)
+        for k, alpha in ((0, 0.12), (-1, 0.3)):
+            x, y, angle = track[k]
+            middle = np.degrees(angle)
+            view = axis.add_patch(Wedge((x, y), reach, middle - half, middle + half, color=colour, alpha=alpha, lw=0.0))
+            if config.arena is not None:
+                view.set_clip_path(_floor(config.arena), axis.transData)
+        axis.plot(track[:, 0], track[:, 1], color=colour, lw=1.4, solid_joinstyle="round")
+        axis.plot(*track[0, :2], "o", color="white", mec=colour, mew=1.4, ms=5.0, zorder=3)
+        axis.plot(*track[-1, :2], "o", color=colour, ms=5.5, zorder=3)
+    for (x, y, _), rgb in zip(episode.points, target_colours(len(episode.points)), strict=True):
+        axis.plot(x, y, "*", color=_colour(rgb), mec="white", mew=0.6, ms=13.0, zorder=4)
+    low, high = xy.min(axis=0), xy.max(axis=0)
+    if config.arena is not None:
+        low = -0.5 * np.array(config.arena)
+        high = -low
+        axis.add_patch(PathPatch(_floor(config.arena), fill=False, ec="#787C80", lw=1.2))
+    pad = 0.04 * float((high - low).max())
+    axis.set_aspect("equal")
+    axis.set(xlim=(low[0] - pad, high[0] + pad), ylim=(low[1] - pad, high[1] + pad), xlabel="x [m]", ylabel="y [m]")
+
+
+def _floor(arena: tuple[float, float]) -> Outline:
+    x, y = 0.5 * arena[0], 0.5 * arena[1]
+    return Outline([(-x, -y), (x, -y), (x, y), (-x, y), (-x, -y)], closed=True)
+
+
+def motions(episodes: Mapping[str, Episode], config: EnvConfig, path: Path) -> None:
+    """For each motion, the paths over the arena, and below the error of the relative pose with its bound."""
+    count = len(episodes)
+    with mpl.rc_context(STYLE):
+        figure = _figure(2.35 * count, 7.2)
+        figure.suptitle(
+            "The same start, different motions: paths (ring: start, dot: end), and how well A knows where B is",
+            x=0.01, ha="left",
+        )  # fmt: skip
+        axes = figure.subplots(3, count, squeeze=False, sharey="row", height_ratios=(1.35, 1.0, 1.0))
+        for column, (name, episode) in enumerate(episodes.items()):
+            _map(axes[0, column], episode, config)
+            axes[0, column].set(title=name)
+            if column:
+                axes[0, column].set(ylabel="")
+            for j, unit in enumerate((1.0, 180.0 / np.pi)):
+                axis = axes[1 + j, column]
+                axis.plot(
+                    episode.time, unit * episode.pose_error[:, 0, j], color=_colour(robot_colour(0)), label="error"
+                )
+                axis.plot(episode.time, unit * episode.pose_bound[:, j], color="black", ls="--", lw=1.1, label="bound")
+                axis.axhline(SUCCESS[j], color=GREY, lw=0.8, ls=":", label=("5 cm", "1.5°")[j])
+                axis.set(yscale="log", xlim=(0.0, episode.time[-1]))
+            axes[2, column].set(xlabel="time [s]")
+        axes[1, 0].set(ylabel="position [m]", ylim=(3e-3, 6.0))
+        axes[2, 0].set(ylabel="heading [deg]", ylim=(2e-2, 200.0))
+        for axis in axes[1:, -1]:
+            axis.legend(loc="upper right", handlelength=1.4)
+        figure.savefig(path, dpi=110)
+
+
+def information(episodes: Mapping[str, Episode], path: Path) -> None:
+    """Information J of each motion over time, named at the end of each line."""
+    with mpl.rc_context(STYLE):
+        figure = _figure(7.6, 4.4)
+        axis = figure.subplots()
+        last = {name: float(episode.information[-1]) for name, episode in episodes.items()}
+        top = max(last.values())
+        labels = _apart(sorted(last, key=lambda name: last[name]), last, 0.055 * (top - 1.0))
+        for colour, (name, episode) in zip(LINES, episodes.items(), strict=False):
+            end = episode.time[-1]
+            axis.plot(episode.time, episode.information, color=colour)
+            axis.annotate(
+                f"{name}  {last[name]:.2f}", (end, last[name]), xytext=(1.03 * end, labels[name]), color=colour,
+                va="center", annotation_clip=False,
+                arrowprops={"arrowstyle": "-", "color": colour, "lw": 0.6, "relpos": (0.0, 0.5)},
+            )  # fmt: skip
+        axis.set(xlim=(0.0, end), xlabel="time [s]", ylabel="information J [nats]")
+        axis.set_title("What each motion tells of the relative pose (higher is better)")
+        figure.savefig(path, dpi=130)
+
+
+def _apart(order: list[str], heights: Mapping[str, float], least: float) -> dict[str, float]:
+    """Heights of labels from the lowest up, moved so that neighbours are `least` apart."""
+    placed: dict[str, float] = {}
+    below = -np.inf
+    for name in order:
+        below = max(heights[name], below + least)
+        placed[name] = float(below)
+    return placed
+
+
+def animation(upper: list[Frame], lower: list[Frame], names: tuple[str, str], path: Path, rate: float) -> None:
+    """Write a GIF of two episodes, one above the other, with their names; `rate` is in frames per second."""
+    font = ImageFont.truetype(font_manager.findfont("DejaVu Sans:bold"), 15)
+    pages = [_page(frames, names, font) for frames in zip(upper, lower, strict=True)]
+    palette = _palette(pages[:: max(1, len(pages) // 5)])
+    coded = [page.quantize(palette=palette, dither=Image.Dither.NONE) for page in pages]
+    durations = [round(1000.0 / rate)] * len(coded)
+    durations[-1] = 2500
+    coded[0].save(path, save_all=True, append_images=coded[1:], duration=durations, loop=0)
+
+
+def _page(frames: tuple[Frame, ...], names: tuple[str, ...], font: ImageFont.FreeTypeFont) -> Image.Image:
+    size = (round(SCALE * frames[0].shape[1]), round(SCALE * frames[0].shape[0]))
+    page = Image.new("RGB", (size[0], len(frames) * (size[1] + HEADLINE)), PAGE)
+    draw = ImageDraw.Draw(page)
+    for k, (frame, name) in enumerate(zip(frames, names, strict=True)):
+        top = k * (size[1] + HEADLINE)
+        draw.text((9, top + 6), name, fill=(32, 36, 40), font=font)
+        page.paste(Image.fromarray(frame).resize(size, Image.Resampling.LANCZOS), (0, top + HEADLINE))
+    return page
+
+
+def _palette(pages: list[Image.Image]) -> Image.Image:
+    """Colours for all frames: of some of them, and of marks so small that a count of pixels would pass them over."""
+    width, height = pages[0].size
+    marks = [*(robot_colour(r) for r in range(2)), *target_colours(4)]
+    source = Image.new("RGB", (width, height * len(pages) + 40 * len(marks)), PAGE)
+    for k, page in enumerate(pages):
+        source.paste(page, (0, k * height))
+    for k, mark in enumerate(marks):
+        top = len(pages) * height + 40 * k
+        source.paste(tuple(map(int, mark)), (0, top, width, top + 40))
+    return source.quantize(255, method=Image.Quantize.MAXCOVERAGE)

@@ -1,0 +1,43 @@
+"""The names of the agents: one place to add another."""
+
+import difflib
+from collections.abc import Callable, Mapping
+from functools import partial
+
+from agents import scripted
+from agents.feedback import Edge
+from agents.policy import Policy, Task
+
+
+def _script(law: scripted.Law) -> Callable[[Task], Policy]:
+    return partial(scripted.Scripted, law=law)
+
+
+AGENTS: Mapping[str, Callable[[Task], Policy]] = {
+    "stationary": _script(scripted.stationary),
+    "straight": _script(scripted.straight),
+    "paper": _script(scripted.paper),
+    "back-and-forth": _script(scripted.back_and_forth),
+    "arc": _script(scripted.arc),
+    "circle": _script(scripted.circle),
+    "sinusoid": _script(scripted.sinusoid),
+    "figure-eight": _script(scripted.figure_eight),
+    "spiral": _script(scripted.spiral),
+    "random": scripted.RandomSmooth,
+    "edge": Edge,
+    "edge-near": partial(Edge, near=0.7, far=2.0),
+}
+"""What builds each agent from a task."""
+
+
+def make(name: str, task: Task) -> Policy:
+    """Build the agent of this name.
+
+    Raises:
+        ValueError: an unknown name (with a suggestion).
+    """
+    if name not in AGENTS:
+        close = difflib.get_close_matches(name, AGENTS, n=1)
+        hint = f"; did you mean `{close[0]}`?" if close else ""
+        raise ValueError(f"Unknown agent `{name}`{hint} Known: {', '.join(AGENTS)}")
+    return AGENTS[name](task)

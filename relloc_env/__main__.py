@@ -1,0 +1,130 @@
+"""`python -m relloc_env`: the paper reproduced, recorded robots replayed."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated, Literal, NoReturn
+
+import typer
+
+import relloc_env
+
+app = typer.Typer(add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False, help=__doc__)
+
+EXTRAS = {"matplotlib": "render", "pygame": "render", "imageio": "render", "pandas": "logs", "pyarrow": "logs"}
+"""The extra of this package that brings each optional one."""
+
+Out = Annotated[Path, typer.Option(help="Folder for the results; made where it is missing.", file_okay=False)]
+
+
+@app.command()
+def paper(out: Out) -> None:
+    """Reproduce the paper's simulations and experiment: claims.json and the figures."""
+    with _plain_errors(), _progress() as tell:
+        from relloc_env.paper import claims_table, reproduce
+
+        claims = reproduce(out, lambda words: tell(words, None))
+    _print(
+        claims_table(claims), f"{sum(one.holds for one in claims)} of {len(claims)} claims hold as printed; see {out}/"
+    )
+
+
+@app.command()
+def replay(
+    path: Annotated[
+        Path, typer.Argument(help="Folder: an MR.CLAM set, a STAR-loc sequence, or a log of this package.")
+    ],
+    out: Out,
+    robots: Annotated[tuple[int, int] | None, typer.Option(help="MR.CLAM: two robots; default: all pairs.")] = None,
+    start: Annotated[float | None, typer.Option("--from", help="[s] Start of the stretch.")] = None,
+    stop: Annotated[float | None, typer.Option("--to", help="[s] End of the stretch.")] = None,
+    velocity: Annotated[
+        Literal["commands", "mocap"] | None, typer.Option(help="MR.CLAM: where velocities come from.")
+    ] = None,
+    estimator: Annotated[
+        list[str] | None, typer.Option(help="Name; may be given again. Default: the best one and the paper's.")
+    ] = None,
+    pose_model: Annotated[
+        Literal["position", "velocity", "printed"] | None, typer.Option(help="Observation model of the cascade's pose.")
+    ] = None,
+    initial_depth_error: Annotated[
+        float | None, typer.Option(help="[m] Added to the true depth for the first guess; STAR-loc: 1.")
+    ] = None,
+) -> None:
+    """Run estimators on a recorded log and score them: replay.json and figures."""
+    with _plain_errors(), _progress() as tell:
+        from relloc_env.replay import replay as run
+
+        result = run(
+            path,
+            robots=robots,
+            start=start,
+            stop=stop,
+            velocity=velocity,
+            estimator=estimator or None,
+            pose_model=pose_model,
+            initial_depth_error=initial_depth_error,
+            out=out,
+            progress=tell,
+        )
+    from rich.table import Table
+
+    heads, rows = result.table()
+    table = Table(*heads, title=f"{path.name}, velocities: {result.options['velocity']}", title_justify="left")
+    for row in rows:
+        table.add_row(*row)
+    _print(table, f"Errors are medians, over tracks and over seconds with an estimate; see {out}/")
+
+
+@app.command()
+def version() -> None:
+    """Print the version."""
+    typer.echo(relloc_env.__version__)
+
+
+@contextmanager
+def _plain_errors() -> Iterator[None]:
+    """Turn what can be wrong with the input into one line and exit code 2."""
+    from relloc_env.logs.errors import LogError
+
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        missing = (error.name or "").partition(".")[0]
+        if missing not in EXTRAS:
+            raise
+        _stop(f"The package `{missing}` is missing: pip install 'relloc-env[{EXTRAS[missing]}]'")
+    except (LogError, ValueError, OSError) as error:
+        _stop(str(error))
+
+
+@contextmanager
+def _progress() -> Iterator[Callable[[str, float | None], None]]:
+    """A bar on a terminal; yields what to call with words and the part that is done, None where that is unknown."""
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+    console = Console(stderr=True)
+    columns = (BarColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+        task = bar.add_task("starting", total=None)
+        yield lambda words, part: bar.update(
+            task, description=words, total=None if part is None else 1.0, completed=part or 0.0
+        )
+
+
+def _print(table: object, words: str) -> None:
+    from rich.console import Console
+
+    console = Console()
+    console.print(table)
+    console.print(words, markup=False, highlight=False)
+
+
+def _stop(message: str) -> NoReturn:
+    typer.echo("Error: " + "; ".join(message.splitlines()), err=True)
+    raise typer.Exit(2)
+
+
+if __name__ == "__main__":
+    app()
