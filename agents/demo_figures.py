@@ -224,4 +224,4 @@ def _palette(pages: list[Image.Image]) -> Image.Image:
     for k, mark in enumerate(marks):
         top = len(pages) * height + 40 * k
         source.paste(tuple(map(int, mark)), (0, top, width, top + 40))
-    return source.quantize(255, method=Image.Quantize.MAXCOVERAGE)
+    return source.quantize(255, method=Image.Quantize.MEDIANCUT)

@@ -26,7 +26,7 @@ def _register() -> None:
         if name not in _gymnasium.registry:
             _gymnasium.register(id=name, entry_point="relloc_env.envs.centralised:RellocEnv", kwargs={"robots": robots})
         pettingzoo = sys.modules.get("pettingzoo")
-        if hasattr(pettingzoo, "parallel_registry"):  # from 1.27
+        if pettingzoo is not None and hasattr(pettingzoo, "parallel_registry"):  # from 1.27
             for kind, door in (("aec", "env"), ("parallel", "parallel_env")):
                 if name not in getattr(pettingzoo, f"{kind}_registry"):
                     pettingzoo.register(kind, name, entry_point=_DOORS[door], kwargs={"robots": robots})

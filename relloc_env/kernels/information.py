@@ -3,7 +3,7 @@
 import math
 
 from relloc_env.kernels._compile import kernel
-from relloc_env.kernels.bound import bound_reset, bound_step, indices
+from relloc_env.kernels.bound import indices
 
 RANGE_UNIT = 0.1
 """[m] standard deviation of the range at which the information of a point is zero."""
