@@ -38,7 +38,7 @@ imports: .venv/.dev ## who may import whom: import-linter
 	@$(BIN)/lint-imports --no-logo --cache-dir .cache/import-linter
 
 pytest: .venv/.dev ## the tests alone; ARGS="tests/kernels -x" chooses
-	@$(BIN)/python -m pytest -n $(JOBS) $(ARGS)
+	@$(BIN)/python -m pytest -n $(JOBS) --dist loadfile $(ARGS)
 
 build: .venv/.dev ## wheel and source archive in dist/
 	@$(BIN)/hatchling build
