@@ -20,6 +20,8 @@ from relloc_env.logs.tables import check_order, line_of_row, read_table, read_te
 from relloc_env.samples import Float, Prior, Samples
 
 DETECTIONS = "apriltag_cal_individual.csv"
+CAMERA_DELAY = 0.08
+"""[s] of the images behind the motion capture: with it the image flow fits the turning of the camera best."""
 POSE = ("cam_x", "cam_y", "cam_z", "cam_rot_x", "cam_rot_y", "cam_rot_z", "cam_w")
 NEEDED = ("time_s", "apriltag_id", "left_u", "left_v", "right_u", "right_v", *POSE)
 
@@ -128,6 +130,7 @@ def read_starloc(
     longest_gap: float = 1.5,
     shortest: float = 6.0,
     longest_step: float = 0.25,
+    camera_delay: float = CAMERA_DELAY,
 ) -> Log:
     """Read a STAR-loc sequence as published; each track is a point of its own.
 
@@ -137,6 +140,8 @@ def read_starloc(
         longest_gap: [s] a tag that is out of view for longer begins a new track.
         shortest: [s] shorter tracks are left out.
         longest_step: [s] gaps between frames are filled with samples without sights so that no step is longer.
+        camera_delay: [s] an image shows what was seen this long before its time stamp; poses and velocities are those
+            of that moment.
 
     Raises:
         LogError: naming file and line, for files that are missing, empty, malformed, unsorted, or mixed up.
@@ -183,7 +188,7 @@ def read_starloc(
     period = np.diff(time, prepend=time[0])
     yaw = np.unwrap(np.arctan2(axes[first, 1, 2], axes[first, 0, 2]))
     planar = np.column_stack([columns["cam_x"][first], columns["cam_y"][first], yaw])
-    poses = np.column_stack([np.interp(time, frames, planar[:, j]) for j in range(3)])
+    poses = np.column_stack([np.interp(time - camera_delay, frames, planar[:, j]) for j in range(3)])
     count, points = len(time), len(tracks)
     image = np.zeros((1, count, 1, points, 2), dtype=np.float32)
     seen = np.zeros((1, count, 1, points), dtype=np.bool_)
@@ -214,6 +219,7 @@ def read_starloc(
             "longest_gap": longest_gap,
             "shortest": shortest,
             "longest_step": longest_step,
+            "camera_delay": camera_delay,
         },
     )
     return log.cut()

@@ -6,7 +6,7 @@ Noise figures are of the sensors and of the commands, not of a run: they are the
 from collections.abc import Mapping
 from typing import Any
 
-from relloc_env.estimators import CascadeConfig, MapAlignmentConfig, resolve
+from relloc_env.estimators import PRESETS, CascadeConfig, MapAlignmentConfig, resolve
 from relloc_env.logs.source import Log
 
 Config = CascadeConfig | MapAlignmentConfig
@@ -19,19 +19,8 @@ _CASCADE: Mapping[tuple[str, str], Mapping[str, Any]] = {
     ("starloc", "mocap"): {"image_noise": 0.007, "odometry_noise": (0.01, 0.01), "max_gap": 1.5},
 }
 _MAP_ALIGNMENT: Mapping[tuple[str, str], Mapping[str, Any]] = {
-    ("mrclam", "commands"): {
-        "image_noise": 0.02,
-        "odometry_noise": (0.04, 0.08),
-        "noise_period": 1.0,
-        "scale_sd": (0.1, 0.1),
-        "forget_after": 300.0,
-    },
-    ("mrclam", "mocap"): {
-        "image_noise": 0.02,
-        "odometry_noise": (0.005, 0.01),
-        "lateral_noise": 0.005,
-        "noise_period": 1.0,
-    },
+    ("mrclam", "commands"): PRESETS["map-alignment-commands"].model_dump(),
+    ("mrclam", "mocap"): PRESETS["map-alignment-mocap"].model_dump(),
     ("starloc", "mocap"): {
         "image_noise": 0.007,
         "odometry_noise": (0.01, 0.01),
