@@ -6,10 +6,24 @@ from typing import Any
 
 from pettingzoo import AECEnv
 from pettingzoo.utils.conversions import parallel_to_aec
-from pettingzoo.utils.wrappers import OrderEnforcingWrapper
+from pettingzoo.utils.wrappers import BaseWrapper, OrderEnforcingWrapper
 
 from relloc_env.config import EnvConfig
+from relloc_env.envs.core import check_actions
 from relloc_env.envs.parallel import parallel_env
+
+
+class CheckedActions(BaseWrapper[str, Any, Any]):
+    """Refuses a wrong action at the turn of the robot that it is for."""
+
+    def step(self, action: Any) -> None:
+        """Hand on an action (2,), or None for a robot whose episode is over."""
+        agent = self.agent_selection
+        if not (self.terminations[agent] or self.truncations[agent]):
+            check_actions("action", action, (2,))
+        elif action is not None:
+            raise ValueError(f"Argument `action` must be None, as the episode of {agent} is over, but is {action!r}")
+        super().step(action)
 
 
 def env(
@@ -21,5 +35,5 @@ def env(
 ) -> AECEnv[str, Any, Any]:
     """Build the PettingZoo AEC environment; arguments as in `relloc_env.envs.centralised.RellocEnv`."""
     return OrderEnforcingWrapper(
-        parallel_to_aec(parallel_env(config, render_mode=render_mode, estimator=estimator, **options))
+        CheckedActions(parallel_to_aec(parallel_env(config, render_mode=render_mode, estimator=estimator, **options)))
     )

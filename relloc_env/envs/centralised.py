@@ -12,7 +12,7 @@ from gymnasium.envs.registration import EnvSpec
 from gymnasium.error import ResetNeeded
 
 from relloc_env.config import ConfigError, EnvConfig
-from relloc_env.envs.core import Core, build_core, check_actions
+from relloc_env.envs.core import Core, build_core, check_actions, check_state
 from relloc_env.envs.picture import Picture
 from relloc_env.envs.spaces import joint_observation, joint_slices, joint_space
 from relloc_env.estimators.protocol import Estimator
@@ -146,7 +146,12 @@ class RellocEnv(gym.Env[Any, Any]):
         return {"core": self.core.get_state(_ROW), "running": self._running}
 
     def set_state(self, state: Mapping[str, Any]) -> None:
-        """Go on from a state, bit for bit."""
+        """Go on from a state of an environment of the same configuration, bit for bit.
+
+        Raises:
+            ValueError: what no environment of this configuration gave.
+        """
+        check_state("state", state, self.get_state())
         self.core.set_state(state["core"], _ROW)
         self._running = state["running"]
         self._draw(new=True)

@@ -201,3 +201,18 @@ def check_actions(name: str, action: Any, shape: tuple[int, ...]) -> Float:
     if not np.isfinite(array).all():
         raise ValueError(f"Argument `{name}` must be finite, but is {array.tolist()}")
     return array
+
+
+def check_state(name: str, state: Any, like: Any) -> None:
+    """Raise where a state has not the form of `like`: the same names all the way down, the same shapes and types."""
+    if isinstance(like, Mapping):
+        if not isinstance(state, Mapping) or state.keys() != like.keys():
+            given = sorted(map(str, state)) if isinstance(state, Mapping) else type(state).__name__
+            raise ValueError(f"Argument `{name}` must have the entries {sorted(like)}, but has {given}")
+        for key, part in like.items():
+            check_state(f"{name}[{key!r}]", state[key], part)
+    elif isinstance(like, np.ndarray) and (
+        not isinstance(state, np.ndarray) or (state.shape, state.dtype) != (like.shape, like.dtype)
+    ):
+        given = f"{state.shape}, {state.dtype}" if isinstance(state, np.ndarray) else type(state).__name__
+        raise ValueError(f"Argument `{name}` must be an array of {like.shape}, {like.dtype}, but is {given}")

@@ -12,7 +12,7 @@ from pettingzoo import ParallelEnv
 
 from relloc_env.config import EnvConfig
 from relloc_env.envs.centralised import check_options, check_render_mode, frames_per_second, open_core, state_space
-from relloc_env.envs.core import ROBOT_NAMES, check_actions
+from relloc_env.envs.core import ROBOT_NAMES, check_actions, check_state
 from relloc_env.envs.picture import Picture
 from relloc_env.envs.spaces import robot_observation, robot_space
 from relloc_env.samples import Float32
@@ -133,7 +133,8 @@ class RellocParallelEnv(ParallelEnv[str, Any, Any]):
         return {"core": self.core.get_state(_ROW), "agents": self.agents[:]}
 
     def set_state(self, state: Mapping[str, Any]) -> None:
-        """Go on from a state, bit for bit."""
+        """Go on from a state, bit for bit; as `RellocEnv.set_state`."""
+        check_state("state", state, self.get_state())
         self.core.set_state(state["core"], _ROW)
         self.agents = list(state["agents"])
         self._draw(new=True)

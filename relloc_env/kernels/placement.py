@@ -54,6 +54,17 @@ def _draw_points(world, n, params, robots):
 
 
 @kernel
+def _within_reach(world, n, x, y, params):
+    """Whether every target is within the limits of distance from a place."""
+    points = world.points
+    for j in range(points.shape[1]):
+        distance = math.hypot(points[n, j, 0] - x, points[n, j, 1] - y)
+        if distance < params.distance_min or distance > params.distance_max:
+            return False
+    return True
+
+
+@kernel
 def _draw_robot(world, n, r, params, robots):
     """Draw one robot's pose around the targets. Returns whether it meets the conditions."""
     stream = world.streams[n, SCENARIO]
@@ -66,11 +77,10 @@ def _draw_robot(world, n, r, params, robots):
     room = max(params.margin, robots[r].radius)
     if clearance(x, y, params.half_x, params.half_y, world.obstacles[n]) < room:
         return False
+    if not _within_reach(world, n, x, y, params):
+        return False
     c_x, c_y = 0.0, 0.0
     for j in range(count):
-        distance = math.hypot(points[n, j, 0] - x, points[n, j, 1] - y)
-        if distance < params.distance_min or distance > params.distance_max:
-            return False
         c_x += points[n, j, 0] / count
         c_y += points[n, j, 1] / count
     for other in range(r):
@@ -97,25 +107,27 @@ def _try_place(world, n, params, robots):
     """One attempt at targets and poses."""
     if not _draw_points(world, n, params, robots):
         return False
-    drawn = False
+    drawn = world.fixed_points[n, 0, 0] != world.fixed_points[n, 0, 0]
     for r in range(robots.shape[0]):
         if world.fixed_poses[n, r, 0] == world.fixed_poses[n, r, 0]:
             for k in range(3):
                 world.pose[n, r, k] = world.fixed_poses[n, r, k]
+            if drawn and not _within_reach(world, n, world.pose[n, r, 0], world.pose[n, r, 1], params):
+                return False
             continue
-        drawn = True
         placed = False
         for _ in range(ROBOT_TRIES):
             placed = _draw_robot(world, n, r, params, robots) and (
-                not params.start_in_view or _all_in_view(world, n, r, robots)
+                not params.start_in_view or _all_in_view(world, n, r, robots[: r + 1])  # the others are not placed yet
             )
             if placed:
                 break
         if not placed:
             return False
+    drawn = drawn or world.fixed_poses[n, 0, 0] != world.fixed_poses[n, 0, 0]
     if drawn and params.start_in_view:  # a robot placed later may hide a target from an earlier one
         for r in range(robots.shape[0]):
-            if world.fixed_poses[n, r, 0] != world.fixed_poses[n, r, 0] and not _all_in_view(world, n, r, robots):
+            if not _all_in_view(world, n, r, robots):
                 return False
     return True
 
