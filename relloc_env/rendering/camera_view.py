@@ -66,8 +66,8 @@ def draw_camera(canvas: Canvas, frame: ImageFrame, scene: Scene, robot: int, the
     left, top, width, height = box
     with canvas.inside(box):
         horizon = frame.pixel(np.zeros(2))[1]
-        canvas.rectangle(box, theme.outside)
-        canvas.rectangle((left, horizon, width, max(top + height - horizon, 0.0)), theme.floor)
+        canvas.rectangle(box, theme.floor)
+        canvas.rectangle((left, horizon, width, max(top + height - horizon, 0.0)), theme.outside)
         _draw_floor(canvas, frame, scene, robot, theme)
         canvas.line((left, horizon), (left + width, horizon), theme.edge, 1.0)
         _draw_bodies(canvas, frame, scene, robot, theme)
@@ -76,7 +76,7 @@ def draw_camera(canvas: Canvas, frame: ImageFrame, scene: Scene, robot: int, the
         if scene.estimate is not None:
             _draw_predicted(canvas, frame, scene, robot, theme, ui)
         for place in np.flatnonzero(scene.seen[robot]).tolist():
-            _draw_measured(canvas, frame, scene.image[robot, place], theme.ink, ui)
+            _draw_measured(canvas, frame, scene.image[robot, place], theme, ui)
     edge = max(1.5, 2.0 * ui)
     canvas.rectangle((left - edge, top - edge, width + 2.0 * edge, height + 2.0 * edge), colour, edge)
 
@@ -100,11 +100,9 @@ def _draw_floor(canvas: Canvas, frame: ImageFrame, scene: Scene, robot: int, the
         behind = near[:, 0] < _NEAREST
         share = (_NEAREST - near[behind, 0]) / (far[behind, 0] - near[behind, 0])
         near[behind] += share[:, None] * (far[behind] - near[behind])
-    ends = [
-        frame.pixels(np.stack([-body[:, 1] / body[:, 0], mount / body[:, 0]], axis=1)).tolist() for body in (one, two)
-    ]
-    for begin, finish in zip(*ends, strict=True):
-        canvas.line(begin, finish, theme.grid, 1.0)
+    below = mount / one[:, 0], mount / two[:, 0]
+    ends = [np.stack([-body[:, 1] / body[:, 0], y], axis=1) for body, y in zip((one, two), below, strict=True)]
+    canvas.hairlines(frame.pixels(ends[0]), frame.pixels(ends[1]), mix(theme.outside, theme.edge, 0.2))
 
 
 def _draw_bodies(canvas: Canvas, frame: ImageFrame, scene: Scene, robot: int, theme: Theme) -> None:
@@ -124,7 +122,10 @@ def _draw_bodies(canvas: Canvas, frame: ImageFrame, scene: Scene, robot: int, th
         seen = geometry.project(pose, scene.cameras[robot].mount, both)
         if (seen[:, 2] < _NEAREST).any():
             continue
-        hull = _hull(frame.pixels(seen[:, :2]))
+        corners = frame.pixels(seen[:, :2])
+        if corners[:, 0].max() < frame.box[0] or corners[:, 0].min() > frame.box[0] + frame.box[2]:
+            continue
+        hull = _hull(corners)
         canvas.polygon(hull, colour)
         canvas.outline(hull, mix(colour, theme.ink, 0.25), 1.0)
 
@@ -134,7 +135,7 @@ def _range(pose: Float, place: Float) -> float:
 
 
 def _rim(centre: Float, radius: float) -> Float:
-    turn = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
+    turn = np.linspace(0.0, 2.0 * np.pi, 20, endpoint=False)
     corners: Float = centre + radius * np.stack([np.cos(turn), np.sin(turn)], axis=1)
     return corners
 
@@ -173,17 +174,18 @@ def _draw_true(
     canvas.disc(centre, 4.5 * ui, colour)
 
 
-def _draw_measured(canvas: Canvas, frame: ImageFrame, image: Float, ink: Colour, ui: float) -> None:
+def _draw_measured(canvas: Canvas, frame: ImageFrame, image: Float, theme: Theme, ui: float) -> None:
     """Draw a measured point: a cross; a bearing without a height: an upright line."""
     width = max(1.0, 1.25 * ui)
     if np.isnan(image[1]):
         x = frame.pixel(np.array([image[0], 0.0]))[0]
-        canvas.line((x, frame.box[1]), (x, frame.box[1] + frame.box[3]), ink, width)
+        canvas.line((x, frame.box[1]), (x, frame.box[1] + frame.box[3]), theme.ink, width)
         return
     x, y = frame.pixel(image.astype(float))
-    arm = 6.5 * ui
-    canvas.line((x - arm, y), (x + arm, y), ink, width)
-    canvas.line((x, y - arm), (x, y + arm), ink, width)
+    arm = 7.0 * ui
+    for colour, wider in ((theme.floor, 1.0), (theme.ink, 0.0)):
+        canvas.line((x - arm, y), (x + arm, y), colour, width + wider)
+        canvas.line((x, y - arm), (x, y + arm), colour, width + wider)
 
 
 def _draw_predicted(canvas: Canvas, frame: ImageFrame, scene: Scene, robot: int, theme: Theme, ui: float) -> None:
@@ -198,5 +200,5 @@ def _draw_predicted(canvas: Canvas, frame: ImageFrame, scene: Scene, robot: int,
         canvas.ring(centre, radius, colour, max(1.25, 1.75 * ui))
         region = geometry.ellipse(point[:2], covariance[:2, :2])
         shape = frame.pixels(geometry.polar_image(np.clip(region[:, 0], -1.5, 1.5), region[:, 1]))
-        if np.hypot(*(shape - np.array(centre)).T).max() > radius:
+        if np.abs(shape - np.array(centre)).max() > radius:
             canvas.region(shape, colour, 34, mix(colour, theme.floor, 0.35), max(0.75, 1.0 * ui))

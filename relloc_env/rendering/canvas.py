@@ -21,6 +21,10 @@ _FINE = 2
 _MASKS = (0xFF, 0xFF00, 0xFF0000, 0)
 _MASKS_ALPHA = (0xFF, 0xFF00, 0xFF0000, 0xFF000000)
 _LETTERINGS_KEPT = 512
+_AWAY = 20000.0
+"""[px] beyond any picture, and still small enough for the drawing library's integers."""
+_SMALL = 60000.0
+"""Area below which a translucent shape is quicker drawn pixel by pixel than through a second surface."""
 
 Box = tuple[float, float, float, float]
 """[px] left, top, width, height."""
@@ -45,8 +49,9 @@ class Canvas:
     def __init__(self, size: tuple[int, int]) -> None:
         os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
         import pygame
+        import pygame.gfxdraw
 
-        self._pygame = pygame
+        self._pygame, self._gfxdraw = pygame, pygame.gfxdraw
         pygame.font.init()
         self.size = size
         self._fine = pygame.Surface((size[0] * _FINE, size[1] * _FINE), 0, 32, _MASKS)
@@ -104,12 +109,17 @@ class Canvas:
         shape = self._fit(corners)
         if len(shape) < 3:
             return
-        low = np.floor(shape.min(axis=0)).astype(int)
-        size = np.ceil(shape.max(axis=0)).astype(int) - low + 1
-        area = (0, 0, min(int(size[0]), self._scratch.get_width()), min(int(size[1]), self._scratch.get_height()))
-        self._scratch.fill((*colour, 0), area)
-        self._pygame.draw.polygon(self._scratch, (*colour, alpha), (shape - low).tolist())
-        self._fine.blit(self._scratch, low.tolist(), area)
+        x, y = shape[:, 0], shape[:, 1]
+        twice = float(x[1:] @ y[:-1] - y[1:] @ x[:-1] + x[0] * y[-1] - y[0] * x[-1])
+        if abs(twice) < 2.0 * _SMALL:
+            self._gfxdraw.filled_polygon(self._fine, np.rint(shape).astype(int).tolist(), (*colour, alpha))
+        else:
+            low = np.floor(shape.min(axis=0)).astype(int)
+            size = np.ceil(shape.max(axis=0)).astype(int) - low + 1
+            area = (0, 0, min(int(size[0]), self._scratch.get_width()), min(int(size[1]), self._scratch.get_height()))
+            self._scratch.fill((*colour, 0), area)
+            self._pygame.draw.polygon(self._scratch, (*colour, alpha), (shape - low).tolist())
+            self._fine.blit(self._scratch, low.tolist(), area)
         if edge is not None:
             self._pygame.draw.lines(self._fine, edge, True, shape.tolist(), max(1, round(width * _FINE)))
 
@@ -122,13 +132,20 @@ class Canvas:
     def path(self, points: Float, colour: Colour, width: float) -> None:
         """Draw the open line through (T, 2) points."""
         if len(points) > 1:
-            near = np.clip(points * _FINE, -20000.0, 20000.0)
+            near = np.clip(points * _FINE, -_AWAY, _AWAY)
             self._pygame.draw.lines(self._fine, colour, False, near.tolist(), max(1, round(width * _FINE)))
 
     def line(self, start: Sequence[float], end: Sequence[float], colour: Colour, width: float) -> None:
         """Draw a straight line."""
-        ends = [[min(max(v * _FINE, -20000.0), 20000.0) for v in point] for point in (start, end)]
-        self._pygame.draw.aaline(self._fine, colour, ends[0], ends[1], max(1, round(width * _FINE)))
+        one, two = (start[0] * _FINE, start[1] * _FINE), (end[0] * _FINE, end[1] * _FINE)
+        if self._near(start, _AWAY) and self._near(end, _AWAY):
+            self._pygame.draw.line(self._fine, colour, one, two, max(1, round(width * _FINE)))
+
+    def hairlines(self, start: Float, end: Float, colour: Colour) -> None:
+        """Draw many thin lines from (T, 2) to (T, 2) points."""
+        one, two = np.clip(start * _FINE, -_AWAY, _AWAY).tolist(), np.clip(end * _FINE, -_AWAY, _AWAY).tolist()
+        for begin, finish in zip(one, two, strict=True):
+            self._pygame.draw.line(self._fine, colour, begin, finish)
 
     def disc(self, centre: Sequence[float], radius: float, colour: Colour) -> None:
         """Fill a disc."""
@@ -161,10 +178,11 @@ class Canvas:
         top = round(place[1] - anchor[1] * lettering.get_height())
         self._queue.append((lettering, (left, top), self._clip))
 
-    def text_width(self, words: str, size: float, *, bold: bool = False) -> int:
-        """Width [px] of words."""
-        width: int = self._font(size, bold).size(words)[0]
-        return width
+    def fitting(self, words: str, size: float, width: float, *, bold: bool = False) -> float:
+        """Return the greatest letter size, at most `size` and at least 8 px, at which words fit into a width [px]."""
+        while size > 8.0 and self._font(size, bold).size(words)[0] > width:
+            size -= 1.0
+        return size
 
     def finish(self) -> NDArray[np.uint8]:
         """Return the picture, (height, width, 3) red, green, blue; `surface` holds it as well."""

@@ -18,24 +18,29 @@ _HUGE = 1e6
 def to_world(pose: Float, points: Float) -> Float:
     """Return (T, 2) [m] points of a robot's body frame in the world."""
     cos, sin = math.cos(pose[2]), math.sin(pose[2])
-    return np.stack(
-        [pose[0] + cos * points[:, 0] - sin * points[:, 1], pose[1] + sin * points[:, 0] + cos * points[:, 1]], 1
-    )
+    placed: Float = pose[:2] + points @ np.array([[cos, sin], [-sin, cos]])
+    return placed
 
 
 def to_body(pose: Float, points: Float) -> Float:
     """Return (T, 2) [m] points of the world in a robot's body frame."""
     cos, sin = math.cos(pose[2]), math.sin(pose[2])
-    x, y = points[:, 0] - pose[0], points[:, 1] - pose[1]
-    return np.stack([cos * x + sin * y, cos * y - sin * x], axis=1)
+    placed: Float = (points[:, :2] - pose[:2]) @ np.array([[cos, -sin], [sin, cos]])
+    return placed
 
 
 def root(covariance: Float) -> Float:
     """A (2, 2) square root of a covariance, that of the nearest semi-definite matrix of moderate size."""
-    clean = np.clip(np.nan_to_num(covariance, posinf=_HUGE, neginf=-_HUGE), -_HUGE, _HUGE)
-    values, vectors = np.linalg.eigh(0.5 * (clean + clean.T))
-    scaled: Float = vectors * np.sqrt(np.maximum(values, 0.0))
-    return scaled
+    a, b, c = (_moderate(float(v)) for v in (covariance[0, 0], covariance[0, 1], covariance[1, 1]))
+    turn = 0.5 * math.atan2(2.0 * b, a - c)
+    middle, half = 0.5 * (a + c), math.hypot(0.5 * (a - c), b)
+    long, short = math.sqrt(max(middle + half, 0.0)), math.sqrt(max(middle - half, 0.0))
+    cos, sin = math.cos(turn), math.sin(turn)
+    return np.array([[cos * long, -sin * short], [sin * long, cos * short]])
+
+
+def _moderate(value: float) -> float:
+    return 0.0 if math.isnan(value) else min(max(value, -_HUGE), _HUGE)
 
 
 def ellipse(mean: Float, covariance: Float) -> Float:
@@ -53,7 +58,9 @@ def polar_region(point: Float, covariance: Float, reach: float) -> Float:
     region = ellipse(point[::2], covariance[::2, ::2])
     beta = np.clip(region[:, 0], point[0] - np.pi, point[0] + np.pi)
     distance = 1.0 / np.clip(region[:, 1], 1.0 / reach, _HUGE)
-    return np.stack([distance * np.cos(beta), distance * np.sin(beta)], axis=1)
+    corners = np.empty((len(beta), 2))
+    corners[:, 0], corners[:, 1] = distance * np.cos(beta), distance * np.sin(beta)
+    return corners
 
 
 def polar_place(point: Float) -> Float:
@@ -64,7 +71,9 @@ def polar_place(point: Float) -> Float:
 
 def polar_image(beta: Float, eta: Float) -> Float:
     """Return (T, 2) normalised image of directions (beta, eta); x = -tan beta, y = -eta / cos beta, in front only."""
-    return np.stack([-np.tan(beta), -eta / np.cos(beta)], axis=1)
+    image = np.empty((len(beta), 2))
+    image[:, 0], image[:, 1] = -np.tan(beta), -eta / np.cos(beta)
+    return image
 
 
 def project(pose: Float, mount: float, points: Float) -> Float:

@@ -25,7 +25,7 @@ SMALLEST = (320, 180)
 
 @dataclass(frozen=True)
 class Layout:
-    """Where the parts are [px], and how large markers (`ui` = 1 at 960 x 540) and letters are."""
+    """Where the parts are [px], how large markers are (`ui` = 1 at 960 x 540), and letters [px]."""
 
     ui: float
     letters: float
@@ -35,27 +35,34 @@ class Layout:
 
 
 def layout(size: tuple[int, int], cameras: "Sequence[CameraGeometry]") -> Layout:
-    """Share a picture out: letters never below 9 px, the map as large as the camera images leave it."""
+    """Share a picture out: letters and markers not too small, the map as large as the camera images leave it.
+
+    Readings are at the left; those of a robot alone are below its camera's image.
+    """
     width, height = size
-    ui = min(width / 960.0, height / 540.0)
-    letters = max(9.0, 11.5 * ui)
-    pad, rail = max(6.0, 12.0 * ui), max(7.6 * letters, 118.0 * ui)
-    free = width - rail - 4.0 * pad
+    unit = min(width / 960.0, height / 540.0)
+    letters = max(9.0, 11.5 * unit)
+    pad, caption = max(6.0, 12.0 * unit), 1.7 * letters
     tall = height - 2.0 * pad
-    caption = 1.7 * letters
+    alone = len(cameras) == 1
+    rail = 0.0 if alone else max(8.6 * letters, 118.0 * unit)
+    free = width - rail - (3.0 if alone else 4.0) * pad
     columns = 1 if len(cameras) <= 3 else 2
     rows = math.ceil(len(cameras) / columns)
     aspect = max(camera.width / camera.height for camera in cameras)
-    highest = (tall - (rows - 1) * pad) / rows - caption
+    highest = (tall - (rows - 1) * pad - (15.0 * letters if alone else 0.0)) / rows - caption
     column = min(highest * aspect, max((free - tall) / columns, 0.36 * free / columns))
-    world = (rail + 2.0 * pad, pad, free - columns * column - (columns - 1) * pad, tall)
+    right = columns * column + (columns - 1) * pad
+    world = (pad if alone else rail + 2.0 * pad, pad, free - right, tall)
     images = []
     for robot, camera in enumerate(cameras):
         fit = min(column, column / aspect * camera.width / camera.height)
-        left = width - pad - column - (columns - 1 - robot % columns) * (column + pad)
+        left = width - pad - right + robot % columns * (column + pad)
         top = pad + caption + robot // columns * (column / aspect + caption + pad)
         images.append((left, top, fit, fit * camera.height / camera.width))
-    return Layout(ui, letters, (pad, pad, rail, tall), world, tuple(images))
+    below = images[0][1] + images[0][3] + 1.5 * pad
+    readings = (images[0][0], below, column, height - pad - below) if alone else (pad, pad, rail, tall)
+    return Layout(max(unit, 0.7), letters, readings, world, tuple(images))
 
 
 class Renderer:
@@ -146,41 +153,46 @@ class Renderer:
         """Write title, time and readings, and what the marks mean where there is room."""
         theme, letters = self._theme, parts.letters
         left, top, width, height = parts.rail
-        with canvas.inside((left, 0.0, width, float(self.size[1]))):
-            y = top
+        bottom, y = top + height, top
+        with canvas.inside(parts.rail):
             if scene.title:
-                canvas.text(scene.title, (left, y), letters, theme.muted)
+                canvas.text(scene.title, (left, y), canvas.fitting(scene.title, letters, width), theme.muted)
                 y += 1.4 * letters
             canvas.text(f"{scene.time:.1f} s", (left, y), 2.0 * letters, theme.ink, bold=True)
             y += 3.2 * letters
-            bottom = top + height
-            legend = [("true", "solid"), ("estimated, 2σ", "hollow"), ("measured", "cross")]
-            if height - y > 40.0 * letters or y + (3.2 * len(scene.readings) + 1.6 * len(legend)) * letters < bottom:
-                bottom -= 1.6 * len(legend) * letters
-                self._legend(canvas, parts, legend, bottom)
+            if width > 26.0 * letters:
+                self._legend(canvas, parts, left + width - 10.0 * letters)
+                width -= 11.0 * letters
+            elif y + (3.4 * len(scene.readings) + 5.0) * letters < bottom:
+                self._legend(canvas, parts, left)
             for reading in scene.readings:
-                if y + 3.0 * letters > bottom:
+                if y + 2.6 * letters > bottom:
                     break
                 indent = 0.0
                 if reading.robot >= 0:
                     indent = 0.9 * letters
-                    canvas.disc((left + 0.35 * letters, y + 0.6 * letters), 0.3 * letters, robot_colour(reading.robot))
-                canvas.text(reading.label, (left + indent, y), letters, theme.muted)
-                canvas.text(reading.value, (left, y + 1.25 * letters), 1.25 * letters, theme.ink, bold=True)
+                    canvas.disc(
+                        (left + 0.35 * letters, y + 0.65 * letters), 0.35 * letters, robot_colour(reading.robot)
+                    )
+                size = canvas.fitting(reading.label, letters, width - indent)
+                canvas.text(reading.label, (left + indent, y), size, theme.muted)
+                size = canvas.fitting(reading.value, 1.25 * letters, width, bold=True)
+                canvas.text(reading.value, (left, y + 1.25 * letters), size, theme.ink, bold=True)
                 y += 3.4 * letters
 
-    def _legend(self, canvas: Canvas, parts: Layout, legend: list[tuple[str, str]], top: float) -> None:
+    def _legend(self, canvas: Canvas, parts: Layout, left: float) -> None:
+        """Say what the marks mean, at the foot of the readings."""
         theme, ui, letters = self._theme, parts.ui, parts.letters
-        for row, (words, mark) in enumerate(legend):
-            x, y = parts.rail[0] + 8.0 * ui, top + (1.6 * row + 0.8) * letters
-            if mark == "solid":
-                canvas.disc((x, y), 5.0 * ui, theme.muted)
-            elif mark == "hollow":
-                canvas.ring((x, y), 6.5 * ui, theme.muted, max(1.25, 1.75 * ui))
-            else:
-                canvas.line((x - 6.0 * ui, y), (x + 6.0 * ui, y), theme.muted, max(1.0, 1.25 * ui))
-                canvas.line((x, y - 6.0 * ui), (x, y + 6.0 * ui), theme.muted, max(1.0, 1.25 * ui))
-            canvas.text(words, (x + 13.0 * ui, y), letters, theme.muted, anchor=(0.0, 0.5))
+        rows = ("true", "estimate, 2σ", "measured")
+        top = parts.rail[1] + parts.rail[3] - 1.6 * len(rows) * letters
+        centres = [(left + 7.0 * ui, top + (1.6 * row + 0.8) * letters) for row in range(len(rows))]
+        canvas.disc(centres[0], 5.0 * ui, theme.muted)
+        canvas.ring(centres[1], 6.5 * ui, theme.muted, max(1.25, 1.75 * ui))
+        x, y = centres[2]
+        canvas.line((x - 6.0 * ui, y), (x + 6.0 * ui, y), theme.muted, max(1.0, 1.25 * ui))
+        canvas.line((x, y - 6.0 * ui), (x, y + 6.0 * ui), theme.muted, max(1.0, 1.25 * ui))
+        for words, (x, y) in zip(rows, centres, strict=True):
+            canvas.text(words, (x + 11.0 * ui, y), letters, theme.muted, anchor=(0.0, 0.5))
 
     def _show(self, scene: Scene) -> None:
         import pygame

@@ -1,6 +1,7 @@
 """The visual language: what each thing looks like. Colours of robots and targets are in `scene`."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 Colour = tuple[int, int, int]
 
@@ -56,6 +57,7 @@ DARK = Theme(
 THEMES = {"light": LIGHT, "dark": DARK}
 
 
+@lru_cache(maxsize=1024)
 def mix(a: Colour, b: Colour, share: float) -> Colour:
     """Colour between `a` (share 0) and `b` (share 1)."""
     red, green, blue = (round(x + (y - x) * share) for x, y in zip(a, b, strict=True))

@@ -13,6 +13,10 @@ from relloc_env.samples import Float, ordered_pairs
 
 _TRAIL_CORNERS = 400
 _TRAIL_SHADES = 5
+_NOSE = 1.6
+_RIM = np.linspace(math.acos(1.0 / _NOSE), 2.0 * np.pi - math.acos(1.0 / _NOSE), 40)
+_ROBOT = np.concatenate([[[_NOSE, 0.0]], np.stack([np.cos(_RIM), np.sin(_RIM)], axis=1)])
+"""Outline of a robot of radius 1 that looks along x."""
 
 
 @dataclass(frozen=True)
@@ -42,9 +46,10 @@ class MapFrame:
         """Return (T, 2) [px] of (T, 2) [m] places."""
         x_min, x_max, y_min, y_max = self.bounds
         left, top, width, height = self.box
-        x = left + 0.5 * width + (places[:, 0] - 0.5 * (x_min + x_max)) * self.scale
-        y = top + 0.5 * height - (places[:, 1] - 0.5 * (y_min + y_max)) * self.scale
-        return np.stack([x, y], axis=1)
+        middle = np.array([0.5 * (x_min + x_max), 0.5 * (y_min + y_max)])
+        scale = np.array([self.scale, -self.scale])
+        placed: Float = np.array([left + 0.5 * width, top + 0.5 * height]) + (places - middle) * scale
+        return placed
 
     def pixel(self, place: Float) -> tuple[float, float]:
         """Return x, y [px] of one place."""
@@ -109,7 +114,7 @@ def draw_world(canvas: Canvas, frame: MapFrame, scene: Scene, theme: Theme, ui: 
             _draw_believed(canvas, frame, scene, theme, ui)
         for number, place in enumerate(scene.points, 1):
             x, y = frame.pixel(place)
-            canvas.text(str(number), (x + 9.0 * ui, y - 8.0 * ui), 0.9 * letters, theme.muted, anchor=(0.0, 0.5))
+            canvas.text(str(number), (x + 9.0 * ui, y - 9.0 * ui), 0.9 * letters, theme.muted, anchor=(0.0, 0.5))
         start, _, y, words = scale_bar(frame, ui)
         canvas.text(words, (start, y - 4.0 * ui), letters, theme.ink, anchor=(0.0, 1.0))
 
@@ -156,16 +161,13 @@ def _draw_target(canvas: Canvas, place: tuple[float, float], colour: Colour, the
 
 def _outline_of_robot(centre: tuple[float, float], heading: float, radius: float) -> Float:
     """(T, 2) [px] corners of a disc with a nose that points along the heading."""
-    open_half = math.acos(1.0 / 1.6)
-    turn = -heading + np.linspace(open_half, 2.0 * np.pi - open_half, 40)
-    rim = np.stack([np.cos(turn), np.sin(turn)], axis=1)
-    nose = 1.6 * np.array([[math.cos(heading), -math.sin(heading)]])
-    corners: Float = np.array(centre) + radius * np.concatenate([nose, rim])
+    cos, sin = math.cos(heading), math.sin(heading)
+    corners: Float = np.array(centre) + _ROBOT @ np.array([[radius * cos, -radius * sin], [radius * sin, radius * cos]])
     return corners
 
 
 def _size_of_robot(frame: MapFrame, scene: Scene, ui: float) -> float:
-    return max(scene.robot_radius * frame.scale, 6.0 * ui)
+    return max(scene.robot_radius * frame.scale, 7.0 * ui)
 
 
 def _draw_robot(canvas: Canvas, frame: MapFrame, scene: Scene, robot: int, theme: Theme, ui: float) -> None:
@@ -175,7 +177,7 @@ def _draw_robot(canvas: Canvas, frame: MapFrame, scene: Scene, robot: int, theme
         canvas.ring(centre, radius + 7.0 * ui, theme.alarm, 2.5 * ui)
     if scene.blocked is not None and scene.blocked[robot]:
         ahead = np.array([math.cos(pose[2]), -math.sin(pose[2])])
-        middle = np.array(centre) + (1.6 * radius + 5.0 * ui) * ahead
+        middle = np.array(centre) + (_NOSE * radius + 5.0 * ui) * ahead
         across = radius * np.array([-ahead[1], ahead[0]])
         canvas.line((middle - across).tolist(), (middle + across).tolist(), theme.ink, 3.0 * ui)
     canvas.polygon(_outline_of_robot(centre, pose[2], radius + 1.5 * ui), theme.floor)
