@@ -1,0 +1,123 @@
+"""Tables of the demonstration: printed, and written beside the results."""
+
+import csv
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from relloc_env.envs.core import ROBOT_NAMES
+
+HEADS = {
+    "information_10s_nats": "J 10 s",
+    "information_end_nats": "J end",
+    "bound_reached_s": "bound [s]",
+    "position_error_end_m": "pos. [m]",
+    "heading_error_end_deg": "head. [°]",
+    "worst_depth_error_end_m": "depth [m]",
+    "all_seen_by_all": "seen [%]",
+    "path_m": "path [m]",
+}
+"""Columns of the table of motions, by the names of `Episode.summary`."""
+EXPLAINED = """J: information about the relative pose [nats]. bound: when an ideal estimate is within 5 cm, 1.5°.
+pos., head., depth: errors at the end, the worst of both robots. More in motions.csv."""
+DIGITS = {"bound_reached_s": 1, "position_error_end_m": 3, "worst_depth_error_end_m": 3, "path_m": 1}
+REPLAY_HEADS = {
+    "estimator": "estimator",
+    "tracks": "tracks",
+    "initial depth error [m]": "depth, first [m]",
+    "final [m]": "last [m]",
+    "position [m]": "position [m]",
+    "heading [deg]": "heading [°]",
+    "NEES": "NEES",
+}
+"""Columns of a replay that are shown, by their names in `ReplayResult.table`."""
+
+
+def _cell(name: str, value: float | None) -> str:
+    if value is None:
+        return "never" if name.endswith("_s") else "–"
+    return f"{100.0 * value:.0f}" if name == "all_seen_by_all" else f"{value:.{DIGITS.get(name, 2)}f}"
+
+
+Content = tuple[str, Sequence[str], Sequence[Sequence[str]]]
+"""Title, heads and rows of a table."""
+
+
+def _tables(results: Mapping[str, Any]) -> list[Content]:
+    """What is printed, and written to tables.md."""
+    paper = results["paper_experiment"]
+    rows = [
+        [
+            name.replace("_", " "),
+            _cell("settled_s", paper["depth_settled_s"][name]),
+            f"{paper['depth_settled_paper_s'][name]:.0f}",
+            f"{paper['depth_error_end_m'][name]:.3f}",
+            f"{paper['position_error_end_m'][name]:.3f}",
+            f"{paper['heading_error_end_deg'][name]:.2f}",
+        ]
+        for name in ROBOT_NAMES
+    ]
+    heads = ["", "depths known [s]", "paper [s]", "depth [m]", "other robot [m]", "heading [°]"]
+    tables: list[Content] = [("The paper's experiment", heads, rows)]
+    motions = sorted(results["motions"].items(), key=lambda item: -item[1]["information_end_nats"])
+    rows = [[name, *(_cell(key, scores[key]) for key in HEADS)] for name, scores in motions]
+    tables.append((f"Motions on one scenario (seed {results['seed']})", ["motion", *HEADS.values()], rows))
+    for part in results["replays"]:
+        title = f"Replayed log: {Path(part['path']).name}"
+        if "error" in part:
+            tables.append((title, ["error"], [[part["error"]]]))
+        else:
+            shown = [k for k, head in enumerate(part["heads"]) if head in REPLAY_HEADS]
+            names = [REPLAY_HEADS[part["heads"][k]] for k in shown]
+            tables.append((title, names, [[row[k] for k in shown] for row in part["rows"]]))
+    return tables
+
+
+def write(results: Mapping[str, Any], out: Path) -> None:
+    """Write results.json, motions.csv and tables.md."""
+    (out / "results.json").write_text(json.dumps(results, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    with (out / "motions.csv").open("w", encoding="utf-8", newline="") as file:
+        scores = next(iter(results["motions"].values()))
+        writer = csv.DictWriter(file, ["motion", *scores])
+        writer.writeheader()
+        writer.writerows({"motion": name, **row} for name, row in results["motions"].items())
+    text = "# What the demonstration found\n"
+    for title, heads, rows in _tables(results):
+        lines = [heads, ["---"] * len(heads), *rows]
+        text += f"\n## {title}\n\n" + "".join(f"| {' | '.join(line)} |\n" for line in lines)
+    (out / "tables.md").write_text(text, encoding="utf-8")
+
+
+FILES = {
+    "tables.md": "the tables above",
+    "paper-experiment.png": "the paper's two robots: paths, depths, poses",
+    "motions.png": "paths of each motion over the arena, errors with the bound",
+    "information.png": "what each motion tells of the pose",
+    "straight-and-edge.gif": "the world and both cameras, two motions from one start",
+    "results.json": "everything as data (motions.csv: the scores of the motions)",
+}
+
+
+def show(results: Mapping[str, Any], out: Path, console: Console) -> None:
+    """Print the tables, and where to look."""
+    for title, heads, rows in _tables(results):
+        table = Table(title=title, title_justify="left", title_style="bold", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+        for k, head in enumerate(heads):
+            table.add_column(escape(head), justify="left" if k == 0 else "right", no_wrap=k == 0)
+        for row in rows:
+            table.add_row(*map(escape, row))
+        console.print(table)
+        if rows and heads[0] == "motion":
+            console.print(EXPLAINED + "\n", style="dim", highlight=False, markup=False, soft_wrap=True)
+    console.print(f"\nDone in {results['seconds']:.0f} s. Where to look: {out}/", markup=False, highlight=False)
+    replays = {
+        f"{part['folder']}/": "errors of the replay over time" for part in results["replays"] if "folder" in part
+    }
+    for name, words in {**FILES, **replays}.items():
+        console.print(f"  {name:<26} {words}", markup=False, highlight=False, soft_wrap=True)
