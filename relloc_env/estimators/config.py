@@ -120,10 +120,13 @@ class MapAlignmentConfig(EstimatorOptions):
     """[m] standard deviation of the difference of two camera heights, estimated with the pose; 0: exact."""
     align_every: Annotated[int, Field(ge=1)] | Literal["update"] = 1
     """[samples] between two alignments; `update`: one at the last sample of each update (of each action)."""
-    challenger_every: Annotated[int, Field(ge=1)] = 1
-    """[alignments] between two challengers of the global search."""
+    challenger_every: Annotated[int, Field(ge=1)] = 3
+    """[alignments] between two challengers of the global search once the heading is known; one each before."""
     grid_period: PositiveFloat | None = 0.2
     """[s] while the heading is uncertain, the pose comes from a grid of headings, renewed this often. None: never."""
+    mirror: bool = True
+    """Whether a direction that is aligned from the same two maps as the other, whose heading is well known, takes the
+    inverse of its pose."""
     unheard_sd: tuple[NonNegativeFloat, NonNegativeFloat] = (0.1, 0.2)
     """[m/s, rad/s] how far the other robot's velocity may be from the last one heard while no message comes."""
     iterations: Annotated[int, Field(ge=1)] = 30

@@ -7,10 +7,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from relloc_env.estimators.checks import check_array, check_prior, check_rows, check_samples
 from relloc_env.estimators.config import MapAlignmentConfig
 from relloc_env.kernels.local_map import CALIBRATION
 from relloc_env.kernels.map_alignment import scratch, take_samples
-from relloc_env.kernels.map_tracking import Maps, Options
+from relloc_env.kernels.map_tracking import Maps, Options, show_maps
 from relloc_env.kernels.pair_tracking import Pairs
 from relloc_env.samples import Estimate, Prior, Rows, Samples, ordered_pairs
 
@@ -37,6 +38,8 @@ class MapAlignment:
         if len(heights) != robots:
             raise ValueError(f"Argument `camera_heights` must have one value per robot ({robots}), but has {heights}.")
         self.config = config
+        self._shape = num_envs, robots, points
+        self._checked: Samples | None = None
         self._heights = np.array(heights)
         self._ends = ordered_pairs(robots)
         self._options = _options(config)
@@ -71,6 +74,7 @@ class MapAlignment:
             age=np.full((n, p), -1, dtype=np.int64),
             pending=np.zeros((n, p), dtype=np.bool_),
             since_grid=np.zeros((n, p)),
+            when=np.full((n, p), -1, dtype=np.int64),
             aligned=np.zeros((n, p), dtype=np.bool_),
             turn=np.zeros((n, p), dtype=np.int64),
         )
@@ -84,6 +88,8 @@ class MapAlignment:
 
     def reset(self, prior: Prior, rows: Rows) -> None:
         """Forget everything about the environments `rows` and start from `prior`."""
+        check_prior(prior, *self._shape)
+        check_rows(rows, self._shape[0])
         for array in (*self._maps, *self._pairs):
             array[rows] = 0
         maps, pairs = self._maps, self._pairs
@@ -94,7 +100,7 @@ class MapAlignment:
         maps.depth[rows] = prior.depth[rows]
         maps.depth_sd[rows] = prior.depth_sd
         pairs.silence[rows] = maps.state.shape[1]
-        pairs.age[rows] = -1
+        pairs.age[rows] = pairs.when[rows] = -1
         pairs.since_grid[rows] = math.inf
         covariance = np.diag(np.square(prior.pose_sd))
         for mean in (pairs.prior, pairs.mode, pairs.anchored, pairs.pose):
@@ -105,8 +111,14 @@ class MapAlignment:
 
     def update(self, samples: Samples, rows: Rows) -> None:
         """Take the K samples in, in order."""
+        if samples is not self._checked:
+            check_samples(samples, *self._shape)
+            self._checked = samples
+        check_rows(rows, self._shape[0])
+        if not self._maps.depth_sd[rows].all():
+            raise RuntimeError("The estimator must be reset before it is updated: some of `rows` never were.")
         problem, starts, nodes, work = scratch(self._maps.depth.shape[2], self._maps.state.shape[3])
-        take_samples(
+        in_time = take_samples(
             rows,
             samples.period,
             samples.odometry,
@@ -123,6 +135,11 @@ class MapAlignment:
             nodes,
             work,
         )
+        if not in_time:
+            raise ValueError(
+                "Argument `samples.arrived` must have ages below the message window, "
+                f"{self._maps.state.shape[1]} samples, but has older."
+            )
         self._refresh(rows)
 
     @property
@@ -146,11 +163,17 @@ class MapAlignment:
 
     def get_state(self, rows: Rows) -> dict[str, NDArray[Any]]:
         """Copies of all that the estimator remembers of `rows`."""
-        return {name: array[rows].copy() for name, array in self._arrays().items()}
+        return {name: array[rows] for name, array in self._arrays().items()}
 
     def set_state(self, state: dict[str, NDArray[Any]], rows: Rows) -> None:
         """Put back what `get_state` gave for as many rows."""
-        for name, array in self._arrays().items():
+        arrays = self._arrays()
+        check_rows(rows, self._shape[0])
+        if state.keys() != arrays.keys():
+            raise ValueError(f"Argument `state` must have the keys {sorted(arrays)}, but has {sorted(state)}.")
+        for name, array in arrays.items():
+            check_array(f"state[{name!r}]", state[name], array.dtype, (len(rows), *array.shape[1:]))
+        for name, array in arrays.items():
             array[rows] = state[name]
         self._refresh(rows)
 
@@ -159,13 +182,7 @@ class MapAlignment:
         return {**{f"map_{k}": v for k, v in maps.items()}, **{f"pair_{k}": v for k, v in pairs.items()}}
 
     def _refresh(self, rows: Rows) -> None:
-        maps, estimate = self._maps, self._estimate
-        n, m, cursor = len(rows), maps.depth.shape[2], maps.cursor[rows]
-        estimate.known[rows] = maps.known[rows, cursor]
-        estimate.points[rows] = maps.state[rows, cursor, :, : 3 * m].reshape(n, -1, m, 3)
-        for i in range(m):
-            block = slice(3 * i, 3 * i + 3)
-            estimate.points_covariance[rows, :, i] = maps.covariance[rows, cursor, :, block, block]
+        show_maps(rows, self._maps, *self._estimate[:3])
 
 
 def _options(config: MapAlignmentConfig) -> Options:
@@ -186,6 +203,7 @@ def _options(config: MapAlignmentConfig) -> Options:
         every=0 if config.align_every == "update" else config.align_every,
         challenger_every=config.challenger_every,
         grid_period=config.grid_period or 0.0,
+        mirror=config.mirror,
         iterations=config.iterations,
         tolerance=config.tolerance,
         unheard_speed_variance=config.unheard_sd[0] ** 2,

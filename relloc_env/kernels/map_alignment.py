@@ -19,7 +19,7 @@ from relloc_env.kernels.alignment import (
 from relloc_env.kernels.heading_grid import CIRCLE_NODES, heading_grid
 from relloc_env.kernels.map_tracking import observe
 from relloc_env.kernels.motion import wrap_angle
-from relloc_env.kernels.pair_tracking import keep_pair, show_pose
+from relloc_env.kernels.pair_tracking import invert_pose, keep_pair, show_pose
 
 Float = NDArray[np.float64]
 
@@ -33,6 +33,9 @@ SECOND_HEADING = 0.03
 
 GRID_SD = 0.02
 """[rad] standard deviation of the heading above which the pose comes from a grid of headings."""
+
+MIRROR_SD = 0.03
+"""[rad] standard deviation of the heading up to which one direction's pose is the inverse of the other's."""
 
 
 @kernel
@@ -78,6 +81,7 @@ def align_pair(maps, pairs, options, heights, problem, starts, nodes, n, p, a, b
     unknowns, last = 3 * m + 4, 3 * m + 1
     mode, second, turn = pairs.mode[n, p], pairs.second[n, p], pairs.turn[n, p]
     pairs.turn[n, p] = turn + 1
+    every = options.challenger_every if pairs.anchored_covariance[n, p, 2, 2] < GRID_SD * GRID_SD else 1
     best, other = starts[0], starts[1]
     cov, other_cov = work[0:3, 0:3], work[3:6, 0:3]
     cost, log_det, rival_cost, rival_log_det = math.inf, 0.0, math.inf, 0.0
@@ -86,8 +90,8 @@ def align_pair(maps, pairs, options, heights, problem, starts, nodes, n, p, a, b
             start_at(problem, m, mode, other)
         elif source == 1 and pairs.has_second[n, p]:
             start_at(problem, m, second, other)
-        elif source == 2 and turn % options.challenger_every == 0:
-            heading = pairs.prior[n, p, 2] + (turn // options.challenger_every % 12) * math.pi / 6.0
+        elif source == 2 and turn % every == 0:
+            heading = pairs.prior[n, p, 2] + (turn // every % 12) * math.pi / 6.0
             start_from_heading(problem, m, heading, LEAST_INVERSE_RANGE, other)
         else:
             continue
@@ -150,6 +154,30 @@ def align_pair(maps, pairs, options, heights, problem, starts, nodes, n, p, a, b
 
 
 @kernel
+def mirror_pair(pairs, n, p, a, b, robots, tick):
+    """Take the pose of pair (a, b) from that of (b, a), where that was aligned just now from the same two maps.
+
+    Pairs are in the order of `samples.ordered_pairs`. Only where the heading is so well known that inverting a Gaussian
+    leaves a Gaussian; the prior of (a, b) then no longer matters either.
+
+    Returns:
+        Whether it was.
+    """
+    q = b * (robots - 1) + (a if a < b else a - 1)
+    covariance = pairs.anchored_covariance[n, q]
+    if pairs.when[n, q] != tick or pairs.age[n, q] != pairs.age[n, p] or not pairs.aligned[n, q]:
+        return False
+    if covariance[2, 2] > MIRROR_SD * MIRROR_SD:
+        return False
+    target = pairs.anchored_covariance[n, p]
+    invert_pose(pairs.mode[n, q], covariance, pairs.mode[n, p], target)
+    invert_pose(pairs.anchored[n, q], covariance, pairs.anchored[n, p], target)
+    pairs.has_second[n, p] = False
+    pairs.aligned[n, p] = True
+    return True
+
+
+@kernel
 def take_samples(
     rows, period, odometry, image, seen, arrived, maps, pairs, options, ends, heights, problem, starts, nodes, work
 ):
@@ -162,23 +190,36 @@ def take_samples(
         ends: (P, 2) observer and observed of each pair.
         heights: (R,) [m] of the cameras.
         problem, starts, nodes, work: scratch; see `scratch`.
+
+    Returns:
+        Whether all messages were of samples still in the ring; if not, nothing was done.
     """
-    count = seen.shape[1]
+    window = np.uint64(maps.state.shape[1])
+    if window < np.uint64(64):
+        for index in range(rows.shape[0]):
+            for k in range(arrived.shape[1]):
+                for p in range(arrived.shape[2]):
+                    if arrived[rows[index], k, p] >> window:
+                        return False
+    count, robots = seen.shape[1], seen.shape[2]
     for index in range(rows.shape[0]):
         n = rows[index]
         for k in range(count):
             observe(maps, options, n, period[n, k], odometry[n, k], image[n, k], seen[n, k], work)
             due = k == count - 1 if options.every == 0 else maps.ticks[n] % options.every == 0
-            maps.ticks[n] += 1
             for p in range(ends.shape[0]):
                 a, b = ends[p, 0], ends[p, 1]
                 pairs.since_grid[n, p] += period[n, k]
                 renewed = keep_pair(maps, pairs, options, n, p, a, b, arrived[n, k, p], work)
                 if due and pairs.pending[n, p]:
-                    align_pair(maps, pairs, options, heights, problem, starts, nodes, n, p, a, b, work)
+                    if not (options.mirror and mirror_pair(pairs, n, p, a, b, robots, maps.ticks[n])):
+                        align_pair(maps, pairs, options, heights, problem, starts, nodes, n, p, a, b, work)
+                    pairs.when[n, p] = maps.ticks[n]
                     pairs.pending[n, p] = False
                     renewed = True
                 show_pose(maps, pairs, options, n, p, a, renewed, work)
+            maps.ticks[n] += 1
+    return True
 
 
 def scratch(points: int, size: int) -> tuple[Problem, Float, Float, Float]:

@@ -63,6 +63,7 @@ class Options(NamedTuple):
     every: int
     challenger_every: int
     grid_period: float
+    mirror: bool
     iterations: int
     tolerance: float
     unheard_speed_variance: float
@@ -150,3 +151,19 @@ def motion_of(maps, n, slot, r):
     """(v, l, w) of a robot in one sample of the ring, by its own estimate of its calibration."""
     motion = maps.motion[n, slot, r]
     return calibrated_velocity(maps.state[n, slot, r], maps.known.shape[3], motion[1], motion[2], motion[3])
+
+
+@kernel
+def show_maps(rows, maps, points, covariance, known):
+    """Write the newest maps of the environments `rows` as `samples.Estimate` has them: (N, R, M, …) arrays."""
+    robots, count = known.shape[1], known.shape[2]
+    for index in range(rows.shape[0]):
+        n = rows[index]
+        now = maps.cursor[n]
+        for r in range(robots):
+            for i in range(count):
+                known[n, r, i] = maps.known[n, now, r, i]
+                for j in range(3):
+                    points[n, r, i, j] = maps.state[n, now, r, 3 * i + j]
+                    for k in range(3):
+                        covariance[n, r, i, j, k] = maps.covariance[n, now, r, 3 * i + j, 3 * i + k]

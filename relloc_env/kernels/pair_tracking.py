@@ -52,6 +52,8 @@ class Pairs(NamedTuple):
     """(N, P) whether the anchor has moved since the last alignment."""
     since_grid: Float
     """(N, P) [s] since the pose last came from a grid of headings."""
+    when: Int
+    """(N, P) sample of the last alignment, counted from the start; -1 before."""
     aligned: Bool
     """(N, P) whether there was any alignment yet."""
     turn: Int
@@ -204,3 +206,29 @@ def show_pose(maps, pairs, options, n, p, a, renewed, work):
             variance[2] + growth * options.unheard_yaw_variance,
         )
         carry(pairs.pose[n, p], pairs.pose_covariance[n, p], v_a, l_a, w_a, v_b, l_b, w_b, dt, variance, unheard, work)
+
+
+@kernel
+def invert_pose(pose, covariance, inverse, inverse_covariance):
+    """Pose of A in B's frame from that of B in A's: r' = -R(theta)ᵀ r, theta' = -theta, with its covariance.
+
+    Args:
+        pose, covariance: (3,), (3, 3).
+        inverse, inverse_covariance: the same, written; not the same arrays.
+    """
+    cos, sin = math.cos(pose[2]), math.sin(pose[2])
+    x, y = -cos * pose[0] - sin * pose[1], sin * pose[0] - cos * pose[1]
+    inverse[0], inverse[1], inverse[2] = x, y, -pose[2]
+    # d(r') = -Rᵀ dr - J r' dtheta, the rows below.
+    for i in range(3):
+        f_x, f_y, f_t = 0.0, 0.0, -1.0
+        if i == 0:
+            f_x, f_y, f_t = -cos, -sin, y
+        elif i == 1:
+            f_x, f_y, f_t = sin, -cos, -x
+        h_x = f_x * covariance[0, 0] + f_y * covariance[1, 0] + f_t * covariance[2, 0]
+        h_y = f_x * covariance[0, 1] + f_y * covariance[1, 1] + f_t * covariance[2, 1]
+        h_t = f_x * covariance[0, 2] + f_y * covariance[1, 2] + f_t * covariance[2, 2]
+        inverse_covariance[i, 0] = -cos * h_x - sin * h_y + y * h_t
+        inverse_covariance[i, 1] = sin * h_x - cos * h_y - x * h_t
+        inverse_covariance[i, 2] = -h_t

@@ -239,3 +239,44 @@ def test_one_robot_alone_has_a_map_and_no_pose() -> None:
 def test_camera_heights_are_one_per_robot() -> None:
     with pytest.raises(ValueError, match=r"`camera_heights` must have one value per robot \(2\)"):
         MapAlignment(1, 2, 2, CONFIG.model_copy(update={"camera_heights": (0.3,)}))
+
+
+def test_both_directions_are_inverse_to_each_other_where_the_heading_is_known() -> None:
+    run = simulate(3, 12.0, 10)
+    estimator, rows = fresh(run)
+    estimator.update(run.samples, rows)
+    pose, covariance = estimator.estimate.pose, estimator.estimate.pose_covariance
+    back = np.array([relative(*p, 0.0, 0.0, 0.0) for p in pose[:, 0]])
+    assert_allclose(pose[:, 1], back, atol=1e-12)
+
+    def inverse(p: Float) -> Float:
+        return np.array(relative(*p, 0.0, 0.0, 0.0))
+
+    for i in range(3):
+        f = np.stack([(inverse(pose[i, 0] + e) - inverse(pose[i, 0] - e)) / 2e-6 for e in 1e-6 * np.eye(3)], axis=1)
+        assert_allclose(covariance[i, 1], f @ covariance[i, 0] @ f.T, rtol=1e-6, atol=1e-12)
+    # Aligned by itself, the second direction differs only by its own prior, a small part of what is known.
+    alone, _ = fresh(run, CONFIG.model_copy(update={"mirror": False}))
+    alone.update(run.samples, rows)
+    sd = np.sqrt(np.diagonal(covariance[:, 1], axis1=1, axis2=2))
+    assert (np.abs(alone.estimate.pose[:, 1] - pose[:, 1]) < 0.2 * sd).all()
+
+
+def test_what_does_not_fit_is_refused() -> None:
+    run = simulate(2, 0.2, 11)
+    estimator, rows = MapAlignment(2, 2, 2, CONFIG), np.arange(2)
+    with pytest.raises(RuntimeError, match="must be reset before"):
+        estimator.update(run.samples, rows)
+    with pytest.raises(ValueError, match=r"`prior\.depth_sd` and `prior\.pose_sd` must be positive"):
+        estimator.reset(run.prior._replace(depth_sd=0.0), rows)
+    with pytest.raises(ValueError, match=r"`prior\.depth` must be .* shape \(2, 2, 2\), but is .* \(1, 2, 2\)"):
+        estimator.reset(run.prior._replace(depth=run.prior.depth[:1].copy()), rows)
+    estimator.reset(run.prior, rows)
+    with pytest.raises(IndexError, match=r"`rows` must lie in \[0, 2\)"):
+        estimator.update(run.samples, rows + 1)
+    with pytest.raises(ValueError, match=r"`samples\.image` must be .* of float32"):
+        estimator.update(run.samples._replace(image=run.samples.image.astype(float)), rows)
+    with pytest.raises(ValueError, match=r"ages below the message window, 1 samples"):
+        estimator.update(delayed(run, 2).samples, rows)
+    with pytest.raises(ValueError, match=r"`state` must have the keys"):
+        estimator.set_state({}, rows)

@@ -1,0 +1,47 @@
+"""What an estimator checks at its door, before compiled code runs over the arrays."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from relloc_env.samples import Prior, Rows, Samples
+
+
+def check_array(name: str, array: NDArray[Any], dtype: Any, shape: tuple[int, ...]) -> None:
+    """Raise where an array is not what compiled code expects."""
+    if array.dtype != dtype or array.shape != shape or not array.flags.c_contiguous:
+        raise ValueError(
+            f"Argument `{name}` must be a C-contiguous array of {np.dtype(dtype)} with shape {shape}, "
+            f"but is {array.dtype} with shape {array.shape}."
+        )
+
+
+def check_prior(prior: Prior, num_envs: int, robots: int, points: int) -> None:
+    """Raise where a prior does not fit the estimator."""
+    check_array("prior.depth", prior.depth, np.float64, (num_envs, robots, points))
+    check_array("prior.pose", prior.pose, np.float64, (num_envs, robots * (robots - 1), 3))
+    check_array("prior.pose_sd", prior.pose_sd, np.float64, (3,))
+    if not (prior.depth_sd > 0.0 and (prior.pose_sd > 0.0).all()):
+        raise ValueError(
+            "Arguments `prior.depth_sd` and `prior.pose_sd` must be positive, "
+            f"but are {prior.depth_sd} and {prior.pose_sd.tolist()}."
+        )
+
+
+def check_samples(samples: Samples, num_envs: int, robots: int, points: int) -> None:
+    """Raise where samples do not fit the estimator."""
+    n, k = num_envs, samples.period.shape[-1]
+    check_array("samples.period", samples.period, np.float64, (n, k))
+    check_array("samples.odometry", samples.odometry, np.float32, (n, k, robots, 3))
+    check_array("samples.image", samples.image, np.float32, (n, k, robots, points, 2))
+    check_array("samples.seen", samples.seen, np.bool_, (n, k, robots, points))
+    check_array("samples.arrived", samples.arrived, np.uint64, (n, k, robots * (robots - 1)))
+
+
+def check_rows(rows: Rows, num_envs: int) -> None:
+    """Raise where `rows` are not indices of environments."""
+    if rows.dtype != np.int64 or rows.ndim != 1:
+        raise ValueError(f"Argument `rows` must be a vector of int64, but is {rows.dtype} with shape {rows.shape}.")
+    if len(rows) and not (rows.min() >= 0 and rows.max() < num_envs):
+        raise IndexError(f"Argument `rows` must lie in [0, {num_envs}), but does not.")
