@@ -13,6 +13,7 @@ from relloc_env.samples import Float
 
 _NEAREST = 0.05
 _GRID_REACH = 12
+_ARC = np.linspace(-1.0, 1.0, 16)
 
 
 @dataclass(frozen=True)
@@ -107,37 +108,50 @@ def _draw_floor(canvas: Canvas, frame: ImageFrame, scene: Scene, robot: int, the
 
 def _draw_bodies(canvas: Canvas, frame: ImageFrame, scene: Scene, robot: int, theme: Theme) -> None:
     """Draw silhouettes of obstacles and of the other robots, far ones first."""
-    pose = scene.poses[robot]
-    bodies: list[tuple[float, Float, float, Colour]] = []
+    pose, mount = scene.poses[robot], scene.cameras[robot].mount
+    bodies: list[tuple[float, Float, Colour]] = []
     for other, at in enumerate(scene.poses):
         if other != robot:
-            rim = _rim(at[:2], scene.robot_radius)
-            bodies.append((_range(pose, at), rim, scene.robot_height, mix(robot_colour(other), theme.floor, 0.25)))
+            shape = _silhouette_of_disc(pose, mount, at, scene.robot_radius, scene.robot_height)
+            bodies.append((_range(pose, at), shape, mix(robot_colour(other), theme.floor, 0.25)))
     for obstacle in scene.obstacles if scene.obstacles is not None else ():
-        rim = _rim(obstacle[1:3], obstacle[3]) if obstacle[0] == 0 else geometry.box_corners(obstacle)
-        bodies.append((_range(pose, obstacle[1:3]), rim, float(obstacle[6]), theme.obstacle))
-    for _, rim, height, colour in sorted(bodies, key=lambda body: -body[0]):
-        ground = np.concatenate([rim, np.zeros((len(rim), 1))], axis=1)
-        both = np.concatenate([ground, ground + np.array([0.0, 0.0, height])])
-        seen = geometry.project(pose, scene.cameras[robot].mount, both)
-        if (seen[:, 2] < _NEAREST).any():
-            continue
-        corners = frame.pixels(seen[:, :2])
-        if corners[:, 0].max() < frame.box[0] or corners[:, 0].min() > frame.box[0] + frame.box[2]:
-            continue
-        hull = _hull(corners)
-        canvas.polygon(hull, colour)
-        canvas.outline(hull, mix(colour, theme.ink, 0.25), 1.0)
+        if obstacle[0] == 0:
+            shape = _silhouette_of_disc(pose, mount, obstacle[1:3], obstacle[3], obstacle[6])
+        else:
+            shape = _silhouette_of_box(pose, mount, obstacle)
+        bodies.append((_range(pose, obstacle[1:3]), shape, theme.obstacle))
+    for _, shape, colour in sorted(bodies, key=lambda body: -body[0]):
+        if len(shape):
+            corners = frame.pixels(shape)
+            canvas.polygon(corners, colour)
+            canvas.outline(corners, mix(colour, theme.ink, 0.25), 1.0)
 
 
 def _range(pose: Float, place: Float) -> float:
     return math.hypot(place[0] - pose[0], place[1] - pose[1])
 
 
-def _rim(centre: Float, radius: float) -> Float:
-    turn = np.linspace(0.0, 2.0 * np.pi, 20, endpoint=False)
-    corners: Float = centre + radius * np.stack([np.cos(turn), np.sin(turn)], axis=1)
-    return corners
+def _silhouette_of_disc(pose: Float, mount: float, centre: Float, radius: float, height: float) -> Float:
+    """(T, 2) image of an upright cylinder: its near rim on the floor, and of its top the rim that looks higher."""
+    distance = _range(pose, centre)
+    toward = math.atan2(pose[1] - centre[1], pose[0] - centre[0])
+    if distance <= radius or -math.cos(toward - pose[2]) * distance < radius + _NEAREST:
+        return np.zeros((0, 2))
+    half = math.acos(radius / distance)
+    turn = toward + half * _ARC
+    top = turn[::-1] if height > mount else toward + half + (2.0 * math.pi - 2.0 * half) * 0.5 * (1.0 + _ARC)
+    around = np.concatenate([turn, top])
+    rim = np.empty((len(around), 3))
+    rim[:, 0], rim[:, 1] = centre[0] + radius * np.cos(around), centre[1] + radius * np.sin(around)
+    rim[: len(turn), 2], rim[len(turn) :, 2] = 0.0, height
+    return geometry.project(pose, mount, rim)[:, :2]
+
+
+def _silhouette_of_box(pose: Float, mount: float, box: Float) -> Float:
+    """(T, 2) image of an upright box."""
+    ground = np.concatenate([geometry.box_corners(box), np.zeros((4, 1))], axis=1)
+    seen = geometry.project(pose, mount, np.concatenate([ground, ground + np.array([0.0, 0.0, box[6]])]))
+    return _hull(seen[:, :2]) if (seen[:, 2] > _NEAREST).all() else np.zeros((0, 2))
 
 
 def _hull(corners: Float) -> Float:

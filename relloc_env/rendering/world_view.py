@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -31,24 +32,28 @@ class MapFrame:
     box: Box
     bounds: tuple[float, float, float, float]
 
-    @property
+    @cached_property
     def scale(self) -> float:
         """Pixels per metre."""
         x_min, x_max, y_min, y_max = self.bounds
         return min(self.box[2] / (x_max - x_min), self.box[3] / (y_max - y_min))
 
-    @property
+    @cached_property
     def reach(self) -> float:
         """A length [m] from any visible place to beyond the edge of the map."""
         return math.hypot(self.box[2], self.box[3]) / self.scale
 
-    def pixels(self, places: Float) -> Float:
-        """Return (T, 2) [px] of (T, 2) [m] places."""
+    @cached_property
+    def _origin(self) -> Float:
+        """Pixels of the world's origin."""
         x_min, x_max, y_min, y_max = self.bounds
         left, top, width, height = self.box
-        middle = np.array([0.5 * (x_min + x_max), 0.5 * (y_min + y_max)])
-        scale = np.array([self.scale, -self.scale])
-        placed: Float = np.array([left + 0.5 * width, top + 0.5 * height]) + (places - middle) * scale
+        middle = np.array([x_min + x_max, -y_min - y_max])
+        return np.array([left + 0.5 * width, top + 0.5 * height]) - 0.5 * self.scale * middle
+
+    def pixels(self, places: Float) -> Float:
+        """Return (T, 2) [px] of (T, 2) [m] places."""
+        placed: Float = self._origin + places * np.array([self.scale, -self.scale])
         return placed
 
     def pixel(self, place: Float) -> tuple[float, float]:
@@ -225,5 +230,5 @@ def _draw_believed(canvas: Canvas, frame: MapFrame, scene: Scene, theme: Theme, 
         pose, mean, colour = scene.poses[robot], believed.pose[pair], robot_colour(int(robot))
         centre, radius = frame.pixel(geometry.to_world(pose, mean[None, :2])[0]), _size_of_robot(frame, scene, ui)
         canvas.outline(_outline_of_robot(centre, pose[2] + mean[2], radius), colour, width)
-        if radius >= 7.0:
+        if radius >= 7.0 and math.dist(centre, frame.pixel(scene.poses[other])) > 1.5 * radius:
             canvas.text(robot_name(int(other)), centre, 1.1 * radius, mix(colour, theme.ink, 0.2), anchor=(0.5, 0.5))
