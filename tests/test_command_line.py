@@ -1,0 +1,193 @@
+import importlib
+import json
+import re
+import sys
+from typing import Any
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import relloc_env
+from relloc_env.__main__ import app
+from relloc_env.envs.centralised import RellocEnv
+from relloc_env.wrappers import RecordLog
+
+run = CliRunner()
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory):
+    """A log of 2 s of two simulated robots."""
+    folder = tmp_path_factory.mktemp("logs")
+    env = RecordLog(RellocEnv(max_cycles=8), folder)
+    env.reset(seed=3)
+    for _ in range(8):
+        env.step(np.array([1.0, 0.1, 1.0, -0.1], np.float32))
+    env.close()
+    return folder / "episode_000"
+
+
+def plain(text):
+    """Without the colours that help pages may have."""
+    return re.sub(r"\x1b\[[0-9;]*m", "", text)
+
+
+def fails(*words, code=2):
+    """The one line that a command ends with."""
+    result = run.invoke(app, [str(word) for word in words])
+    assert result.exit_code == code
+    assert isinstance(result.exception, SystemExit)
+    assert "Traceback" not in result.output
+    return plain(result.output).strip()
+
+
+@pytest.mark.parametrize(
+    ("command", "words"),
+    [
+        ((), ("paper", "replay", "version")),
+        (("paper",), ("--out",)),
+        (("replay",), ("--robots", "--from", "--to", "--velocity", "--estimator", "--pose-model", "--out")),
+        (("version",), ("version",)),
+    ],
+)
+def test_help(command, words):
+    result = run.invoke(app, [*command, "--help"], env={"COLUMNS": "120"})
+    assert result.exit_code == 0
+    for word in words:
+        assert word in plain(result.output)
+
+
+def test_version():
+    result = run.invoke(app, ["version"])
+    assert result.output.strip() == relloc_env.__version__
+
+
+def test_replay_of_a_simulated_log(log, tmp_path):
+    out = tmp_path / "new" / "folder"
+    result = run.invoke(app, ["replay", str(log), "--out", str(out), "--estimator", "cascade", "--to", "1.5"])
+    assert result.exit_code == 0, result.output
+    data = json.loads((out / "replay.json").read_text("utf-8"))
+    assert list(data["estimators"]) == ["cascade"]
+    assert data["options"]["to_s"] == 1.5
+    assert data["estimators"]["cascade"]["logs"][0]["to_s"] == pytest.approx(1.48, abs=0.03)
+    assert "cascade" in result.output
+    assert any(out.glob("*.png"))
+
+
+def test_options_reach_the_replay(monkeypatch, tmp_path):
+    seen: dict[str, Any] = {}
+
+    class Result:
+        def __init__(self):
+            self.options = {"velocity": "mocap"}
+
+        def table(self):
+            return ["estimator"], [["cascade"]]
+
+    def replay(path, **options):
+        seen.update(options, path=path)
+        return Result()
+
+    monkeypatch.setattr("relloc_env.replay.replay", replay)
+    words = "--robots 2 3 --from 10 --to 20.5 --velocity mocap --estimator cascade --estimator cascade-critical"
+    result = run.invoke(app, ["replay", "some", *words.split(), "--pose-model", "velocity", "--out", str(tmp_path)])
+    assert result.exit_code == 0, result.output
+    assert seen.pop("progress") is not None
+    assert {key: str(value) if key in {"path", "out"} else value for key, value in seen.items()} == {
+        "path": "some",
+        "robots": (2, 3),
+        "start": 10.0,
+        "stop": 20.5,
+        "velocity": "mocap",
+        "estimator": ["cascade", "cascade-critical"],
+        "pose_model": "velocity",
+        "initial_depth_error": None,
+        "out": str(tmp_path),
+    }
+
+
+class TestBadInput:
+    def test_no_such_folder(self, tmp_path):
+        line = fails("replay", tmp_path / "none", "--out", tmp_path / "out")
+        assert line == f"Error: {tmp_path / 'none'}: folder not found"
+        assert not (tmp_path / "out").exists()
+
+    def test_folder_without_a_log(self, tmp_path):
+        assert fails("replay", tmp_path, "--out", tmp_path / "out").startswith(f"Error: {tmp_path}: holds no log")
+
+    def test_unreadable_log_names_file_and_line(self, log, tmp_path):
+        folder = tmp_path / "log"
+        folder.mkdir()
+        for file in log.iterdir():
+            (folder / file.name).write_bytes(file.read_bytes())
+        lines = (folder / "samples.csv").read_text("utf-8").splitlines()
+        lines[4] = lines[4].replace(lines[4].split(",")[0], "soon", 1)
+        (folder / "samples.csv").write_text("\n".join(lines) + "\n", "utf-8")
+        line = fails("replay", folder, "--out", tmp_path / "out")
+        assert "samples.csv, line 5" in line
+        assert len(line.splitlines()) == 1
+
+    def test_unknown_estimator(self, log, tmp_path):
+        line = fails("replay", log, "--estimator", "cascad", "--out", tmp_path)
+        assert line.startswith("Error: ")
+        assert "'cascad'" in line
+        assert "map-alignment" in line
+
+    def test_empty_stretch(self, log, tmp_path):
+        assert "must be before `stop`" in fails("replay", log, "--from", 2, "--to", 1, "--out", tmp_path)
+
+    def test_robots_of_a_log_that_has_its_own(self, log, tmp_path):
+        line = fails("replay", log, "--robots", 1, 2, "--out", tmp_path)
+        assert line.startswith("Error: Argument `robots` must be left out")
+
+    @pytest.mark.parametrize(
+        ("words", "named"),
+        [
+            (["--velocity", "wheels"], "--velocity"),
+            (["--pose-model", "best"], "--pose-model"),
+            (["--robots", "2"], "--robots"),
+            (["--from", "noon"], "--from"),
+        ],
+    )
+    def test_bad_option(self, log, tmp_path, words, named):
+        assert named in fails("replay", log, *words, "--out", tmp_path)
+
+    def test_out_is_a_file(self, log, tmp_path):
+        (tmp_path / "file").write_text("", "utf-8")
+        assert "--out" in fails("replay", log, "--out", tmp_path / "file")
+        assert "--out" in fails("paper", "--out", tmp_path / "file")
+
+    def test_out_is_required(self, log):
+        assert "--out" in fails("replay", log)
+
+    @pytest.mark.parametrize(("package", "extra"), [("pandas", "logs"), ("matplotlib", "render")])
+    def test_missing_package_names_the_extra(self, monkeypatch, log, tmp_path, package, extra):
+        def replay(*args, **options):
+            importlib.import_module(f"{package}.absent_part")
+
+        monkeypatch.setattr("relloc_env.replay.replay", replay)
+        monkeypatch.setitem(sys.modules, package, None)
+        line = fails("replay", log, "--out", tmp_path)
+        assert f"`{package}` is missing" in line
+        assert f"relloc-env[{extra}]" in line
+
+
+def test_paper_is_handed_over(monkeypatch, tmp_path):
+    from relloc_env.paper import Claim
+
+    calls = []
+
+    def reproduce(out, report):
+        report("something")
+        calls.append(out)
+        return [
+            Claim("one", "text", "III", "yes", {"x": 1.0}, True, ""),
+            Claim("two", "text", "IV", "no", {}, False, ""),
+        ]
+
+    monkeypatch.setattr("relloc_env.paper.reproduce", reproduce)
+    result = run.invoke(app, ["paper", "--out", str(tmp_path)])
+    assert result.exit_code == 0, result.output
+    assert calls == [tmp_path]
+    assert "1 of 2 claims hold as printed" in result.output
