@@ -255,8 +255,8 @@ def replay(
     if initial_depth_error is not None or initial_pose_error is not None:
         logs = [log.with_initial_error(depth=initial_depth_error, pose=initial_pose_error) for log in logs]
     if estimator is None:
-        both = ["cascade-critical", "cascade"] if len(logs[0].robots) == 1 else ["map-alignment", "cascade"]
-        estimator = ["cascade"] if pose_model is not None else both
+        several = ["cascade-critical", "cascade"] if len(logs[0].robots) == 1 else ["map-alignment", "cascade"]
+        estimator = ["cascade"] if pose_model is not None else several
     chosen: list[Any] = list(estimator) if isinstance(estimator, list | tuple) else [estimator]
     runs: dict[str, list[Run]] = {}
     total, done = len(chosen) * len(logs), 0

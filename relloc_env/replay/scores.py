@@ -130,14 +130,18 @@ class PoseErrors(NamedTuple):
 
 def pose_errors(log: Log, trace: Trace, pair: int, observer: int, observed: int) -> PoseErrors:
     """Errors over time of one ordered pair."""
-    error = trace.pose[:, pair] - _truth(log).relative[:, pair]
+    finite = np.isfinite(trace.pose[:, pair]).all(axis=1)
+    error = np.where(finite[:, None], trace.pose[:, pair], np.nan) - _truth(log).relative[:, pair]
     error[:, 2] = np.mod(error[:, 2] + np.pi, 2.0 * np.pi) - np.pi
     covariance = trace.pose_covariance[:, pair]
     variance = np.diagonal(covariance, axis1=1, axis2=2)
-    usable = np.isfinite(covariance).all(axis=(1, 2)) & (variance > 0.0).all(axis=1)
+    usable = finite & np.isfinite(covariance).all(axis=(1, 2)) & (variance > 0.0).all(axis=1)
     nees = np.full(len(error), np.nan)
-    solved = np.linalg.solve(covariance[usable], error[usable][..., None])[..., 0]
-    nees[usable] = np.einsum("ti,ti->t", error[usable], solved)
+    # Divided by the standard deviations first, so that a tiny covariance is still told from a singular one.
+    sd = np.sqrt(variance[usable])
+    whitened = error[usable] / sd
+    correlation = covariance[usable] / (sd[:, :, None] * sd[:, None, :]) + 1e-12 * np.eye(3)
+    nees[usable] = np.einsum("ti,ti->t", whitened, np.linalg.solve(correlation, whitened[..., None])[..., 0])
     shared = (trace.known[:, observer] & trace.known[:, observed]).sum(axis=1) >= 2
     spread = np.sqrt(np.maximum(variance[:, 0] + variance[:, 1], 0.0))
     certain = usable & (spread <= CERTAIN[0]) & (np.sqrt(np.maximum(variance[:, 2], 0.0)) <= CERTAIN[1])

@@ -19,8 +19,9 @@ _CASCADE: Mapping[tuple[str, str], Mapping[str, Any]] = {
     ("starloc", "mocap"): {"image_noise": 0.007, "odometry_noise": (0.01, 0.01), "max_gap": 1.5},
 }
 _MAP_ALIGNMENT: Mapping[tuple[str, str], Mapping[str, Any]] = {
-    ("mrclam", "commands"): PRESETS["map-alignment-commands"].model_dump(),
-    ("mrclam", "mocap"): PRESETS["map-alignment-mocap"].model_dump(),
+    # An alignment a second: with some four frames a second the maps change little between them.
+    ("mrclam", "commands"): {**PRESETS["map-alignment-commands"].model_dump(), "align_every": 4},
+    ("mrclam", "mocap"): {**PRESETS["map-alignment-mocap"].model_dump(), "align_every": 4},
     ("starloc", "mocap"): {
         "image_noise": 0.007,
         "odometry_noise": (0.01, 0.01),
