@@ -53,6 +53,12 @@ def empty_samples(n: int, k: int, r: int, m: int, p: int) -> Samples:
     )
 
 
+def copy_sample(source: Samples, k: int, target: Samples, at: int, rows: Rows) -> None:
+    """Put sample k of `source` into place `at` of `target`, for the environments `rows`."""
+    for name in Samples._fields:
+        getattr(target, name)[rows, at] = getattr(source, name)[rows, k]
+
+
 class Prior(NamedTuple):
     """What the robots are told at the start: guesses, not the truth."""
 

@@ -71,8 +71,7 @@ class EstimateObservation(gym.Wrapper[Any, Any, Any, Any]):
         observation, info = self.env.reset(seed=seed, options=dict(options) if options is not None else None)
         told = info["prior"]
         self._read(observation)
-        for block, one in zip(self._samples, self._first, strict=True):
-            one[:, 0] = block[:, -1]
+        copy_sample(self._samples, -1, self._first, 0, _ROW)
         self._first.period[:] = 0.0
         prior = Prior(told["depth"][None], told["pose"][None], told["depth_sd"], told["pose_sd"])
         self._onboard.reset(prior, self._first, _ROW)

@@ -9,7 +9,7 @@ from pettingzoo.utils.conversions import parallel_to_aec
 from pettingzoo.utils.wrappers import BaseWrapper, OrderEnforcingWrapper
 
 from relloc_env.config import EnvConfig
-from relloc_env.envs.core import check_actions
+from relloc_env.envs.door import check_actions
 from relloc_env.envs.parallel import parallel_env
 
 

@@ -11,17 +11,22 @@ from gymnasium import spaces
 from gymnasium.envs.registration import EnvSpec
 from gymnasium.error import ResetNeeded
 
-from relloc_env.config import ConfigError, EnvConfig
-from relloc_env.envs.core import Core, build_core, check_actions, check_state
+from relloc_env.config import EnvConfig
+from relloc_env.envs.door import (
+    check_actions,
+    check_options,
+    check_render_mode,
+    check_state,
+    frames_per_second,
+    open_core,
+    state_space,
+)
 from relloc_env.envs.picture import Picture
 from relloc_env.envs.spaces import joint_observation, joint_slices, joint_space
-from relloc_env.estimators.protocol import Estimator
 from relloc_env.samples import Float32
-from relloc_env.simulation import OPTIONS, check_seed
+from relloc_env.simulation import check_seed
 
 _ROW = np.zeros(1, np.int64)
-STATE_BOUND = 1000.0
-"""Bound of every entry of `state()` [m, rad, -]."""
 
 
 class RellocEnv(gym.Env[Any, Any]):
@@ -66,13 +71,13 @@ class RellocEnv(gym.Env[Any, Any]):
     ) -> None:
         self.core = open_core(config, 1, estimator, options)
         self.render_mode = check_render_mode(render_mode)
+        self._picture = Picture(self.core, self.render_mode)
         self.metadata = {**self.metadata, "render_fps": frames_per_second(self.core)}
         self.observation_space = joint_space(self.core.config)
         self.action_space = spaces.Box(-1.0, 1.0, (2 * self.core.config.robots,), np.float32)
         self._shape = (2 * self.core.config.robots,)
         self._running = False
         self._spec: EnvSpec | None = None
-        self._picture: Picture | None = None
 
     @property
     def spec(self) -> EnvSpec | None:
@@ -121,7 +126,7 @@ class RellocEnv(gym.Env[Any, Any]):
         self._running = True
         info = self.core.information(0)
         info["prior"] = self.core.prior(0)
-        self._draw(new=True)
+        self._picture.follow(new=True)
         return joint_observation(self.core, 0), info
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
@@ -138,7 +143,7 @@ class RellocEnv(gym.Env[Any, Any]):
         core.step(values.reshape(1, -1, 2), _ROW)
         terminated, truncated = core.terminated(0), core.truncated(0)
         self._running = not (terminated or truncated)
-        self._draw()
+        self._picture.follow()
         return joint_observation(core, 0), float(core.reward[0].mean()), terminated, truncated, core.information(0)
 
     def get_state(self) -> dict[str, Any]:
@@ -154,87 +159,12 @@ class RellocEnv(gym.Env[Any, Any]):
         check_state("state", state, self.get_state())
         self.core.set_state(state["core"], _ROW)
         self._running = state["running"]
-        self._draw(new=True)
+        self._picture.follow(new=True)
 
     def render(self) -> Any:
         """The picture of now: an RGB array (H, W, 3), or None for "human" (the window is drawn by reset and step)."""
-        if self.render_mode is None:
-            gym.logger.warn("`render` without a `render_mode` draws nothing; choose one with gym.make")
-            return None
-        return self._show() if self.render_mode == "rgb_array" else None
-
-    def _draw(self, *, new: bool = False) -> None:
-        """Note where the robots are for their trails, and refresh the window."""
-        if self.render_mode is None:
-            return
-        if self._picture is None:
-            self._picture = Picture(self.core, self.render_mode)
-        self._picture.follow(new=new)
-        if self.render_mode == "human":
-            self._picture.draw()
-
-    def _show(self) -> Any:
-        if self._picture is None:
-            raise ResetNeeded("Call `reset` before `render`: there is nothing to show yet")
-        return self._picture.draw()
+        return self._picture.render()
 
     def close(self) -> None:
         """Close the window."""
-        if self._picture is not None:
-            self._picture.close()
-            self._picture = None
-
-
-def open_core(
-    config: EnvConfig | Mapping[str, Any] | str | Path | None,
-    num_envs: int,
-    estimator: Any,
-    options: Mapping[str, Any],
-) -> Core:
-    """Build the core of a door; `estimator` "default" leaves the choice to the configuration."""
-    if isinstance(estimator, str) and estimator == "default":
-        return build_core(config, num_envs, options)
-    if estimator is None or isinstance(estimator, str | Mapping) or hasattr(estimator, "model_dump"):
-        return build_core(config, num_envs, {**options, "estimator": estimator})
-    if not all(hasattr(estimator, name) for name in ("reset", "update", "estimate")):
-        raise ConfigError(
-            "Argument `estimator` must be a name, a configuration, None, or follow `relloc_env.estimators.Estimator`, "
-            f"but is {type(estimator).__name__}"
-        )
-    own: Estimator = estimator
-    return build_core(config, num_envs, options, own)
-
-
-def check_render_mode(mode: str | None) -> str | None:
-    """Return a render mode, or raise where there is none of that name."""
-    if mode not in (None, "human", "rgb_array"):
-        raise ConfigError(f"Argument `render_mode` must be None, 'human' or 'rgb_array', but is {mode!r}")
-    return mode
-
-
-def frames_per_second(core: Core) -> int:
-    """Rate of frames (one an action) at which a recording runs in real time."""
-    return max(1, round(core.config.sample_rate / core.config.samples_per_action))
-
-
-def state_space(core: Core) -> spaces.Box:
-    """Space of the state for centralised critics."""
-    return spaces.Box(-STATE_BOUND, STATE_BOUND, (core.state_size,), np.float32)
-
-
-def check_options(options: Mapping[str, Any] | None) -> dict[str, Any] | None:
-    """Return the options of a reset that are ours; others are named in a warning, since wrappers pass theirs on."""
-    if options is None:
-        return None
-    if not isinstance(options, Mapping):
-        raise ConfigError(f"Argument `options` must be a mapping, but is {type(options).__name__}")
-    unknown = [name for name in options if name not in OPTIONS]
-    if unknown:
-        gym.logger.warn(
-            f"Unknown options of reset, ignored: {', '.join(map(str, unknown))}; known: {', '.join(OPTIONS)}"
-        )
-    return (
-        {name: value for name, value in options.items() if name in OPTIONS}
-        if len(unknown) < len(options) or not options
-        else None
-    )
+        self._picture.close()

@@ -2,18 +2,17 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from relloc_env.config import EnvConfig, load_config
+from relloc_env.config import EnvConfig
 from relloc_env.envs.observation import Field, bounds, fields, observe, slices
 from relloc_env.envs.onboard import Onboard
 from relloc_env.estimators.protocol import Estimator
 from relloc_env.rewards import TERMS, make_score, pack_known, score_action, start_score, weights
-from relloc_env.samples import Float, Float32, Rows
+from relloc_env.samples import Float, Float32, Rows, copy_sample
 from relloc_env.simulation import Simulation
 
 ROBOT_NAMES = ("robot_a", "robot_b")
@@ -77,9 +76,7 @@ class Core:
             self._score_, self._world_, self._first_truth_, self.onboard.estimate_, self._known_, simulation.pairs,
             self._work, rows,
         )  # fmt: skip
-        blocks: tuple[NDArray[Any], ...] = simulation.samples
-        for block, one in zip(blocks, simulation.first, strict=True):
-            block[rows, -1] = one[rows, 0]
+        copy_sample(simulation.first, 0, simulation.samples, -1, rows)
         self._observe(rows)
 
     def step(self, actions: NDArray[np.float64], rows: Rows) -> None:
@@ -178,41 +175,3 @@ class Core:
 
 
 _EPISODE = ("observation", "reward", "last_action", "elapsed")
-
-
-def build_core(
-    config: EnvConfig | Mapping[str, Any] | str | Path | None,
-    num_envs: int,
-    options: Mapping[str, Any],
-    estimator: Estimator | None = None,
-) -> Core:
-    """Build the core of a door from what the user gave it."""
-    return Core(load_config(config, **options), num_envs, estimator)
-
-
-def check_actions(name: str, action: Any, shape: tuple[int, ...]) -> Float:
-    """Return an action as float64, or raise where it has another shape or is not finite."""
-    try:
-        array = np.asarray(action, np.float64)
-    except (TypeError, ValueError):
-        raise ValueError(f"Argument `{name}` must be numbers of shape {shape}, but is {action!r}") from None
-    if array.shape != shape:
-        raise ValueError(f"Argument `{name}` must have shape {shape}, but has {array.shape}")
-    if not np.isfinite(array).all():
-        raise ValueError(f"Argument `{name}` must be finite, but is {array.tolist()}")
-    return array
-
-
-def check_state(name: str, state: Any, like: Any) -> None:
-    """Raise where a state has not the form of `like`: the same names all the way down, the same shapes and types."""
-    if isinstance(like, Mapping):
-        if not isinstance(state, Mapping) or state.keys() != like.keys():
-            given = sorted(map(str, state)) if isinstance(state, Mapping) else type(state).__name__
-            raise ValueError(f"Argument `{name}` must have the entries {sorted(like)}, but has {given}")
-        for key, part in like.items():
-            check_state(f"{name}[{key!r}]", state[key], part)
-    elif isinstance(like, np.ndarray) and (
-        not isinstance(state, np.ndarray) or (state.shape, state.dtype) != (like.shape, like.dtype)
-    ):
-        given = f"{state.shape}, {state.dtype}" if isinstance(state, np.ndarray) else type(state).__name__
-        raise ValueError(f"Argument `{name}` must be an array of {like.shape}, {like.dtype}, but is {given}")

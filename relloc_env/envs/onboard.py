@@ -7,7 +7,6 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from relloc_env.config import EnvConfig
 from relloc_env.estimators.config import CascadeConfig, MapAlignmentConfig
@@ -15,7 +14,7 @@ from relloc_env.estimators.protocol import Estimator
 from relloc_env.estimators.registry import make
 from relloc_env.kernels._compile import kernel
 from relloc_env.kernels.motion import advance, wrap_angle
-from relloc_env.samples import Bool, Estimate, Prior, Rows, Samples, empty_samples, ordered_pairs
+from relloc_env.samples import Bool, Estimate, Prior, Rows, Samples, copy_sample, empty_samples, ordered_pairs
 
 FAR = 100.0
 """[m] bound of positions."""
@@ -170,10 +169,8 @@ class Onboard:
         if self._single is None:
             self._take(samples, rows)
             return
-        single: tuple[NDArray[Any], ...] = self._single
         for k in range(samples.period.shape[1]):
-            for field, block in zip(single, samples, strict=True):
-                field[rows, 0] = block[rows, k]
+            copy_sample(samples, k, self._single, 0, rows)
             self._take(self._single, rows)
 
     def _take(self, samples: Samples, rows: Rows) -> None:

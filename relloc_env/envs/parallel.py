@@ -4,15 +4,22 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 from gymnasium.error import ResetNeeded
 from pettingzoo import ParallelEnv
 
 from relloc_env.config import EnvConfig
-from relloc_env.envs.centralised import check_options, check_render_mode, frames_per_second, open_core, state_space
-from relloc_env.envs.core import ROBOT_NAMES, check_actions, check_state
+from relloc_env.envs.core import ROBOT_NAMES
+from relloc_env.envs.door import (
+    check_actions,
+    check_options,
+    check_render_mode,
+    check_state,
+    frames_per_second,
+    open_core,
+    state_space,
+)
 from relloc_env.envs.picture import Picture
 from relloc_env.envs.spaces import robot_observation, robot_space
 from relloc_env.samples import Float32
@@ -45,6 +52,7 @@ class RellocParallelEnv(ParallelEnv[str, Any, Any]):
     ) -> None:
         self.core = open_core(config, 1, estimator, options)
         self.render_mode = check_render_mode(render_mode)
+        self._picture = Picture(self.core, self.render_mode)
         self.metadata = {**self.metadata, "render_fps": frames_per_second(self.core)}
         self.possible_agents = list(ROBOT_NAMES[: self.core.config.robots])
         self.agents: list[str] = []
@@ -53,7 +61,6 @@ class RellocParallelEnv(ParallelEnv[str, Any, Any]):
         self.action_spaces = {agent: spaces.Box(-1.0, 1.0, (2,), np.float32) for agent in self.possible_agents}
         self.state_space = state_space(self.core)
         self._actions = np.zeros((1, self.core.config.robots, 2))
-        self._picture: Picture | None = None
 
     @property
     def config(self) -> EnvConfig:
@@ -87,7 +94,7 @@ class RellocParallelEnv(ParallelEnv[str, Any, Any]):
         infos = self._infos()
         for info in infos.values():
             info["prior"] = self.core.prior(0)
-        self._draw(new=True)
+        self._picture.follow(new=True)
         return self._observations(), infos
 
     def step(
@@ -119,7 +126,7 @@ class RellocParallelEnv(ParallelEnv[str, Any, Any]):
         )
         if terminated or truncated:
             self.agents = []
-        self._draw()
+        self._picture.follow()
         return result
 
     def _observations(self) -> dict[str, Any]:
@@ -137,31 +144,15 @@ class RellocParallelEnv(ParallelEnv[str, Any, Any]):
         check_state("state", state, self.get_state())
         self.core.set_state(state["core"], _ROW)
         self.agents = list(state["agents"])
-        self._draw(new=True)
+        self._picture.follow(new=True)
 
     def render(self) -> Any:
         """The picture of now: an RGB array (H, W, 3), or None for "human" (the window is drawn by reset and step)."""
-        if self.render_mode is None:
-            gym.logger.warn("`render` without a `render_mode` draws nothing; choose one when you build the environment")
-            return None
-        if self._picture is None:
-            raise ResetNeeded("Call `reset` before `render`: there is nothing to show yet")
-        return self._picture.draw() if self.render_mode == "rgb_array" else None
-
-    def _draw(self, *, new: bool = False) -> None:
-        if self.render_mode is None:
-            return
-        if self._picture is None:
-            self._picture = Picture(self.core, self.render_mode)
-        self._picture.follow(new=new)
-        if self.render_mode == "human":
-            self._picture.draw()
+        return self._picture.render()
 
     def close(self) -> None:
         """Close the window."""
-        if self._picture is not None:
-            self._picture.close()
-            self._picture = None
+        self._picture.close()
 
 
 def parallel_env(

@@ -3,43 +3,70 @@
 import math
 from typing import TYPE_CHECKING, Any, Literal, cast
 
+import gymnasium as gym
 import numpy as np
+from gymnasium.error import ResetNeeded
 
 from relloc_env.samples import Estimate, Float
 
 if TYPE_CHECKING:
     from relloc_env.envs.core import Core
+    from relloc_env.rendering import Renderer
     from relloc_env.rendering.scene import Scene
 
 
 class Picture:
-    """Draws environment n of a core, and remembers where its robots went."""
+    """Draws environment n of a core, and remembers where its robots went. Without a mode it does nothing.
 
-    def __init__(self, core: "Core", mode: str, n: int = 0, size: tuple[int, int] = (960, 540)) -> None:
-        from relloc_env.rendering import Renderer
+    Args:
+        mode: None, "rgb_array" or "human".
+        size: [px] width and height.
+    """
 
-        self._core, self._n = core, n
+    def __init__(self, core: "Core", mode: str | None, n: int = 0, size: tuple[int, int] = (960, 540)) -> None:
+        self._core, self._mode, self._n, self._size = core, mode, n, size
         self._trails: list[list[Float]] = [[] for _ in range(core.config.robots)]
-        rate = core.config.sample_rate / core.config.samples_per_action
-        self._renderer = Renderer(size=size, mode=cast("Literal['rgb_array', 'human']", mode), fps=rate)
+        self._renderer: Renderer | None = None
 
     def follow(self, *, new: bool = False) -> None:
-        """Note where the robots are; `new` starts the trails afresh."""
-        poses = (
-            self._core.simulation.truth.pose[self._n] if not new else self._core.simulation.world.pose[self._n][None]
-        )
+        """Note where the robots went in the last action (`new`: an episode starts), and refresh the window."""
+        if self._mode is None:
+            return
+        simulation, n = self._core.simulation, self._n
+        poses = simulation.world.pose[n][None] if new else simulation.truth.pose[n]
         for r, trail in enumerate(self._trails):
             if new:
                 trail.clear()
             trail.extend(pose[r, :2].copy() for pose in poses)
+        if self._mode == "human":
+            self._draw()
 
-    def draw(self) -> Any:
-        """Draw the present: an array (H, W, 3) for "rgb_array", else None."""
+    def render(self) -> Any:
+        """The present as an array (H, W, 3) for "rgb_array", else None.
+
+        Raises:
+            ResetNeeded: before the first episode.
+        """
+        if self._mode is None:
+            gym.logger.warn("`render` without a `render_mode` draws nothing; choose one when the environment is made")
+            return None
+        if not self._trails[0]:
+            raise ResetNeeded("Call `reset` before `render`: there is nothing to show yet")
+        return self._draw() if self._mode == "rgb_array" else None
+
+    def _draw(self) -> Any:
+        if self._renderer is None:
+            from relloc_env.rendering import Renderer
+
+            rate = self._core.config.sample_rate / self._core.config.samples_per_action
+            self._renderer = Renderer(size=self._size, mode=cast("Literal['rgb_array', 'human']", self._mode), fps=rate)
         return self._renderer.draw(scene(self._core, self._n, [np.array(trail) for trail in self._trails]))
 
     def close(self) -> None:
         """Let the window go."""
-        self._renderer.close()
+        if self._renderer is not None:
+            self._renderer.close()
+            self._renderer = None
 
 
 def scene(core: "Core", n: int, trails: list[Float]) -> "Scene":
