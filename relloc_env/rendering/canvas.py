@@ -178,9 +178,14 @@ class Canvas:
         top = round(place[1] - anchor[1] * lettering.get_height())
         self._queue.append((lettering, (left, top), self._clip))
 
+    def width_of(self, words: str, size: float, *, bold: bool = False) -> int:
+        """Width [px] of words."""
+        width: int = self._font(size, bold).size(words)[0]
+        return width
+
     def fitting(self, words: str, size: float, width: float, *, bold: bool = False) -> float:
         """Return the greatest letter size, at most `size` and at least 8 px, at which words fit into a width [px]."""
-        while size > 8.0 and self._font(size, bold).size(words)[0] > width:
+        while size > 8.0 and self.width_of(words, size, bold=bold) > width:
             size -= 1.0
         return size
 

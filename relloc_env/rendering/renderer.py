@@ -50,8 +50,8 @@ def layout(size: tuple[int, int], cameras: "Sequence[CameraGeometry]") -> Layout
     columns = 1 if len(cameras) <= 3 else 2
     rows = math.ceil(len(cameras) / columns)
     aspect = max(camera.width / camera.height for camera in cameras)
-    highest = (tall - (rows - 1) * pad - (15.0 * letters if alone else 0.0)) / rows - caption
-    column = min(highest * aspect, max((free - tall) / columns, 0.36 * free / columns))
+    highest = (tall - (rows - 1) * pad - (12.0 * letters if alone else 0.0)) / rows - caption
+    column = max(min(highest * aspect, max(free - tall, 0.36 * free) / columns), 0.3 * free / columns)
     right = columns * column + (columns - 1) * pad
     world = (pad if alone else rail + 2.0 * pad, pad, free - right, tall)
     images = []
@@ -141,13 +141,15 @@ class Renderer:
         left, top, width, _ = parts.images[robot]
         colour = mix(robot_colour(robot), theme.ink, 0.15)
         y = top - 0.85 * letters
-        canvas.text(f"camera {robot_name(robot)}", (left, y), letters, colour, anchor=(0.0, 0.5), bold=True)
+        name = f"camera {robot_name(robot)}"
+        canvas.text(name, (left, y), letters, colour, anchor=(0.0, 0.5), bold=True)
         words, shade = f"sees {int(scene.seen[robot].sum())} of {len(scene.points)}", theme.muted
         if scene.blocked is not None and scene.blocked[robot]:
             words, shade = "blocked", theme.ink
         if scene.contact is not None and scene.contact[robot]:
             words, shade = "contact", theme.alarm
-        canvas.text(words, (left + width, y), letters, shade, anchor=(1.0, 0.5))
+        if canvas.width_of(name, letters, bold=True) + canvas.width_of(words, letters) + letters < width:
+            canvas.text(words, (left + width, y), letters, shade, anchor=(1.0, 0.5))
 
     def _rail(self, canvas: Canvas, parts: Layout, scene: Scene) -> None:
         """Write title, time and readings, and what the marks mean where there is room."""
