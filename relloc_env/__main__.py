@@ -67,13 +67,19 @@ def replay(
             out=out,
             progress=tell,
         )
+    from rich.markup import escape
     from rich.table import Table
 
     heads, rows = result.table()
-    table = Table(*heads, title=f"{path.name}, velocities: {result.options['velocity']}", title_justify="left")
-    for row in rows:
-        table.add_row(*row)
-    _print(table, f"Errors are medians, over tracks and over seconds with an estimate; see {out}/")
+    table = Table(title=f"{path.name}, velocities: {result.options['velocity']}", title_justify="left")
+    for k, (head, *cells) in enumerate(zip(heads, *rows, strict=True)):
+        if k == 0:
+            table.add_column(escape(head))
+            for name in cells:
+                table.add_column(escape(name), justify="right")
+        else:
+            table.add_row(escape(head), *map(escape, cells))
+    _print(table, f"Errors are medians, over tracks and over seconds with an estimate; see\n{out}/")
 
 
 @app.command()
