@@ -14,7 +14,7 @@ from relloc_env.envs.observation import observe, slices
 from relloc_env.envs.onboard import Onboard
 from relloc_env.envs.spaces import joint_space
 from relloc_env.logs.episode import LogWriter
-from relloc_env.samples import Estimate, Float32, Prior, empty_samples
+from relloc_env.samples import Estimate, Float32, Prior, copy_sample, empty_samples
 
 _ROW = np.zeros(1, np.int64)
 
