@@ -1,0 +1,224 @@
+"""Wrong input raises at the call that made it; the message names the argument, what it must be, and what it was."""
+
+import re
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.error import ResetNeeded
+
+import relloc_env
+from relloc_env.config import ConfigError
+
+SINGLE, PAIR = "relloc_env/ActiveDepth-v0", "relloc_env/RelativePose-v0"
+ZERO = {"robot_a": np.zeros(2), "robot_b": np.zeros(2)}
+
+WRONG_ACTIONS: dict[str, tuple[Any, str]] = {
+    "nan": ([0.0, np.nan], r"must be finite, but is \[0.0, nan\]"),
+    "infinite": ([np.inf, 0.0], r"must be finite, but is \[inf, 0.0\]"),
+    "too long": ([0.0, 0.0, 0.0], r"must have shape \(2,\), but has \(3,\)"),
+    "too short": ([0.0], r"must have shape \(2,\), but has \(1,\)"),
+    "a matrix": ([[0.0, 0.0]], r"must have shape \(2,\), but has \(1, 2\)"),
+    "a number": (0.5, r"must have shape \(2,\), but has \(\)"),
+    "words": (["fast", "left"], r"must be numbers of shape \(2,\), but is \['fast', 'left'\]"),
+    "nothing": (None, r"must have shape \(2,\), but has \(\)"),
+    "an object": (object(), r"must be numbers of shape \(2,\), but is <object"),
+    "ragged": ([[0.0], [0.0, 1.0]], r"must be numbers of shape \(2,\), but is"),
+    "complex": ([1j, 0.0], r"must be numbers of shape \(2,\), but is"),
+}
+
+
+@pytest.fixture(scope="module")
+def parallel() -> Any:
+    return relloc_env.parallel_env()
+
+
+@pytest.fixture(scope="module")
+def single() -> Any:
+    return gym.make(SINGLE).unwrapped
+
+
+@pytest.fixture(scope="module")
+def joint() -> Any:
+    return gym.make(PAIR).unwrapped
+
+
+@pytest.mark.parametrize("name", WRONG_ACTIONS)
+def test_wrong_actions(name: str, parallel: Any, single: Any) -> None:
+    """Refused at each door, and nothing has happened: the episode goes on as if the call had not been."""
+    action, message = WRONG_ACTIONS[name]
+    parallel.reset(seed=1)
+    before = parallel.get_state()
+    with pytest.raises(ValueError, match=rf"Argument `actions\['robot_b'\]` {message}"):
+        parallel.step({"robot_a": np.ones(2), "robot_b": action})
+    after = parallel.get_state()
+    for part, value in before["core"]["world"].items():
+        np.testing.assert_array_equal(value, after["core"]["world"][part])
+    parallel.step(ZERO)
+    single.reset(seed=1)
+    with pytest.raises(ValueError, match=f"Argument `action` {message}"):
+        single.step(action)
+    single.step(np.zeros(2))
+    turns = relloc_env.env(estimator=None)
+    turns.reset(seed=1)
+    with pytest.raises(ValueError, match=f"Argument `action` {message}"):
+        turns.step(action)
+    assert turns.agent_selection == "robot_a"
+    turns.step(np.zeros(2))
+    assert turns.agent_selection == "robot_b"
+
+
+def test_joint_action_has_four_entries(joint: Any) -> None:
+    joint.reset(seed=1)
+    with pytest.raises(ValueError, match=r"Argument `action` must have shape \(4,\), but has \(2,\)"):
+        joint.step(np.zeros(2))
+    with pytest.raises(ValueError, match=r"Argument `action` must be finite, but is \[0.0, 0.0, nan, 0.0\]"):
+        joint.step(np.array([0.0, 0.0, np.nan, 0.0]))
+
+
+@pytest.mark.parametrize(
+    ("actions", "given"),
+    [
+        ({"robot_a": np.zeros(2)}, "['robot_a']"),
+        ({**ZERO, "robot_c": np.zeros(2)}, "['robot_a', 'robot_b', 'robot_c']"),
+        ({"robot_a": np.zeros(2), "robot_c": np.zeros(2)}, "['robot_a', 'robot_c']"),
+        ({}, "[]"),
+        ({0: np.zeros(2), 1: np.zeros(2)}, "['0', '1']"),
+        (np.zeros((2, 2)), "ndarray"),
+        (None, "NoneType"),
+    ],
+)
+def test_missing_and_unknown_robots(actions: Any, given: str, parallel: Any) -> None:
+    parallel.reset(seed=1)
+    message = f"Argument `actions` must have one action for each of ['robot_a', 'robot_b'], but has {given}"
+    with pytest.raises(ValueError, match=re.escape(message)):
+        parallel.step(actions)
+
+
+def test_stepping_before_the_first_reset() -> None:
+    with pytest.raises(ResetNeeded, match="Call `reset` before `step`"):
+        relloc_env.parallel_env(estimator=None).step(ZERO)
+    with pytest.raises(ResetNeeded, match="Call `reset` before `step`"):
+        gym.make(PAIR, estimator=None).unwrapped.step(np.zeros(4))
+    with pytest.raises(ResetNeeded):
+        gym.make(PAIR, estimator=None).step(np.zeros(4, np.float32))
+    with pytest.raises(AssertionError, match=r"reset\(\) needs to be called before step"):
+        relloc_env.env(estimator=None).step(np.zeros(2))
+
+
+def test_stepping_after_the_end() -> None:
+    env = relloc_env.parallel_env(estimator=None, max_cycles=2)
+    joint = gym.make(PAIR, estimator=None, max_cycles=2).unwrapped
+    env.reset(seed=1)
+    joint.reset(seed=1)
+    for _ in range(2):
+        env.step(ZERO)
+        joint.step(np.zeros(4))
+    with pytest.raises(ResetNeeded, match="no episode is running"):
+        env.step(ZERO)
+    with pytest.raises(ResetNeeded, match="no episode is running"):
+        joint.step(np.zeros(4))
+    env.reset()
+    env.step(ZERO)
+
+
+def test_acting_by_turns_after_the_end() -> None:
+    env = relloc_env.env(estimator=None, max_cycles=1)
+    env.reset(seed=1)
+    for _ in range(2):
+        env.step(np.zeros(2))
+    with pytest.raises(ValueError, match="Argument `action` must be None, as the episode of robot_a is over"):
+        env.step(np.zeros(2))
+    for _ in range(2):
+        env.step(None)
+    assert env.agents == []
+
+
+def test_drawing_before_the_first_reset() -> None:
+    pytest.importorskip("pygame")
+    for env in (relloc_env.parallel_env(render_mode="rgb_array"), gym.make(PAIR, render_mode="rgb_array").unwrapped):
+        with pytest.raises(ResetNeeded, match="Call `reset` before `render`"):
+            env.render()
+        env.close()
+
+
+@pytest.mark.parametrize("seed", [-1, 1.5, "1", True, np.float64(2.0), [1]])
+def test_wrong_seeds(seed: Any, parallel: Any, joint: Any) -> None:
+    for env in (parallel, joint):
+        with pytest.raises(
+            ValueError, match=re.escape(f"Argument `seed` must be a non-negative integer, but is {seed!r}")
+        ):
+            env.reset(seed=seed)
+
+
+@pytest.mark.parametrize("seed", [0, np.int64(5), np.uint8(7), 2**63 + 1, 2**64 - 1, 2**64, 2**200])
+def test_any_other_seed_is_taken(seed: Any, parallel: Any, joint: Any) -> None:
+    for env in (parallel, joint):
+        first, _ = env.reset(seed=seed)
+        again, _ = env.reset(seed=seed)
+        np.testing.assert_equal(first, again)
+
+
+def test_large_seeds_are_not_cut(parallel: Any) -> None:
+    """Seeds that agree in their last 64 bits give different episodes."""
+    starts = []
+    for seed in (3, 2**64 + 3, 2**65 + 3):
+        _, infos = parallel.reset(seed=seed)
+        starts.append(infos["robot_a"]["truth"]["poses"].tobytes())
+    assert len(set(starts)) == 3
+
+
+WRONG_OPTIONS: dict[str, tuple[Any, str]] = {
+    "no mapping": ([1, 2], "`options` must be a mapping, but is list"),
+    "one pose for two": ({"poses": [(0, 0, 0)]}, r"`poses` must have shape \(2, 3\), but has \(1, 3\)"),
+    "pose without heading": ({"poses": [(0, 0), (1, 1)]}, r"`poses` must have shape \(2, 3\), but has \(2, 2\)"),
+    "points of another count": ({"points": [(1, 1, 1)]}, r"`points` must have shape \(2, 3\), but has \(1, 3\)"),
+    "no points": ({"points": []}, r"`points` must have shape \(2, 3\), but has \(0,\)"),
+    "not finite": ({"points": [(1, 1, 1), (1, np.nan, 1)]}, "`points` must be finite, but is"),
+    "words": ({"poses": "here"}, r"`poses` must be numbers of shape \(2, 3\), but is 'here'"),
+    "in a wall": ({"poses": [(0, 0, 0), (0, 4.95, 0)]}, "`options` must have robots within the walls, but robot 1"),
+    "in each other": ({"poses": [(0, 0, 0), (0, 0.1, 0)]}, "`options` must have robots apart, but robots 0 and 1"),
+}
+
+
+@pytest.mark.parametrize("name", WRONG_OPTIONS)
+def test_wrong_options_of_a_reset(name: str, parallel: Any, joint: Any) -> None:
+    """Refused, and forgotten: the next reset is as if they had not been given."""
+    options, message = WRONG_OPTIONS[name]
+    for env in (parallel, joint):
+        expected, _ = env.reset(seed=9, options={})
+        with pytest.raises(ConfigError, match=f"Argument {message}"):
+            env.reset(options=options)
+        with pytest.raises(ResetNeeded):
+            env.step(ZERO if env is parallel else np.zeros(4))
+        found, _ = env.reset(seed=9)
+        np.testing.assert_equal(found, expected)
+
+
+def test_unknown_options_of_a_reset_are_named_in_a_warning(parallel: Any) -> None:
+    """Other clients pass options of their own: ours still hold, and nothing that was fixed is lost."""
+    points = [(1.0, 0.0, 0.3), (1.0, 1.0, 0.5)]
+    with pytest.warns(UserWarning, match="Unknown options of reset, ignored: point; known: poses, points"):
+        parallel.reset(seed=1, options={"point": 1, "points": points})
+    with pytest.warns(UserWarning, match="ignored: options"):
+        _, infos = parallel.reset(options={"options": 1})
+    np.testing.assert_array_equal(infos["robot_a"]["truth"]["points"], points)
+    parallel.reset(options={})
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"camera": {"focal_length": -1.0}}, "`camera.0.focal_length` must be greater than 0, but is -1.0"),
+        ({"poses": [(5, 0, 0), (0, 0, 0)]}, "must have robots within the walls, but robot 0 at"),
+        ({"targets": 0}, "`targets` must be greater than or equal to 1, but is 0"),
+        ({"points": []}, "must have at least one point in `points`, but has none"),
+        ({"estimater": "cascade"}, "Unknown option `estimater`; did you mean `estimator`"),
+        ({"config": "no/such/file.yaml"}, "`config` must be a readable file, but 'no/such/file.yaml': No such file"),
+    ],
+)
+def test_impossible_configurations_at_every_door(options: dict[str, Any], message: str) -> None:
+    for door in (relloc_env.parallel_env, relloc_env.env, lambda **given: gym.make(PAIR, **given)):
+        with pytest.raises(ConfigError, match=re.escape(message)):
+            door(**options)
