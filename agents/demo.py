@@ -120,7 +120,7 @@ def run(out: Path, *, seed: int = SEED, log: Path | None = None, console: Consol
         with steps.step("Animation"):
             above, below = (episodes[name] for name in ANIMATED)
             rate = FASTER / (above.time[1] - above.time[0])
-            figures.animation(above.frames, below.frames, ANIMATED, out / "straight-and-edge.gif", rate)
+            figures.animation(above.frames, below.frames, ANIMATED, out / "straight-and-edge.mp4", rate)
         results["replays"] = []
         for found, replayed in zip(logs, replays, strict=True):
             with steps.step(f"Replay of a log: {found.path.name}"):

@@ -17,6 +17,7 @@ from PIL import Image, ImageDraw, ImageFont
 from agents.rollout import Episode, Frame
 from relloc_env.config import EnvConfig
 from relloc_env.rendering import robot_colour, target_colours
+from relloc_env.rendering.animation import save_animation
 
 STYLE: Any = {
     "font.size": 9.0,
@@ -42,11 +43,11 @@ PAPER_TIMES = (13.0, 25.0)
 
 SUCCESS = (0.05, 1.5)
 """[m, deg] what counts as found."""
-SCALE = 0.75
-"""Size of the animation's pictures, over that of the environment's."""
-HEADLINE = 26
+HEADLINE = 30
 """[px] height of the line with a name."""
 PAGE = (250, 250, 248)
+PAUSE = 2.5
+"""[s] that the last picture of the animation stays."""
 
 
 def _figure(width: float, height: float) -> Figure:
@@ -193,35 +194,18 @@ def _apart(order: list[str], heights: Mapping[str, float], least: float) -> dict
 
 
 def animation(upper: list[Frame], lower: list[Frame], names: tuple[str, str], path: Path, rate: float) -> None:
-    """Write a GIF of two episodes, one above the other, with their names; `rate` is in frames per second."""
-    font = ImageFont.truetype(font_manager.findfont("DejaVu Sans:bold"), 15)
+    """Write an animation of two episodes, one above the other, with their names; `rate` is in frames per second."""
+    font = ImageFont.truetype(font_manager.findfont("DejaVu Sans:bold"), 18)
     pages = [_page(frames, names, font) for frames in zip(upper, lower, strict=True)]
-    palette = _palette(pages[:: max(1, len(pages) // 5)])
-    coded = [page.quantize(palette=palette, dither=Image.Dither.NONE) for page in pages]
-    durations = [round(1000.0 / rate)] * len(coded)
-    durations[-1] = 2500
-    coded[0].save(path, save_all=True, append_images=coded[1:], duration=durations, loop=0)
+    save_animation(pages + pages[-1:] * round(PAUSE * rate), path, rate)
 
 
-def _page(frames: tuple[Frame, ...], names: tuple[str, ...], font: ImageFont.FreeTypeFont) -> Image.Image:
-    size = (round(SCALE * frames[0].shape[1]), round(SCALE * frames[0].shape[0]))
+def _page(frames: tuple[Frame, ...], names: tuple[str, ...], font: ImageFont.FreeTypeFont) -> Frame:
+    size = (frames[0].shape[1], frames[0].shape[0])
     page = Image.new("RGB", (size[0], len(frames) * (size[1] + HEADLINE)), PAGE)
     draw = ImageDraw.Draw(page)
     for k, (frame, name) in enumerate(zip(frames, names, strict=True)):
         top = k * (size[1] + HEADLINE)
-        draw.text((9, top + 6), name, fill=(32, 36, 40), font=font)
-        page.paste(Image.fromarray(frame).resize(size, Image.Resampling.LANCZOS), (0, top + HEADLINE))
-    return page
-
-
-def _palette(pages: list[Image.Image]) -> Image.Image:
-    """Colours for all frames: of some of them, and of marks so small that a count of pixels would pass them over."""
-    width, height = pages[0].size
-    marks = [*(robot_colour(r) for r in range(2)), *target_colours(4)]
-    source = Image.new("RGB", (width, height * len(pages) + 40 * len(marks)), PAGE)
-    for k, page in enumerate(pages):
-        source.paste(page, (0, k * height))
-    for k, mark in enumerate(marks):
-        top = len(pages) * height + 40 * k
-        source.paste(tuple(map(int, mark)), (0, top, width, top + 40))
-    return source.quantize(255, method=Image.Quantize.MEDIANCUT)
+        draw.text((12, top + 8), name, fill=(32, 36, 40), font=font)
+        page.paste(Image.fromarray(frame), (0, top + HEADLINE))
+    return np.asarray(page)
