@@ -30,7 +30,9 @@ def _data_lines(text: str, skip: int) -> list[tuple[int, str]]:
     return [(n, line) for n, line in lines if n > skip and line.strip() and not line.lstrip().startswith("#")]
 
 
-def _explain(path: Path, text: str, columns: tuple[str, ...], delimiter: str | None, skip: int) -> LogError:
+def _explain(
+    path: Path, text: str, columns: tuple[str, ...], delimiter: str | None, skip: int, finite: bool
+) -> LogError:
     """Return the error that names the first line which is not `columns` numbers."""
     for number, line in _data_lines(text, skip):
         cells = line.split(delimiter)
@@ -42,7 +44,7 @@ def _explain(path: Path, text: str, columns: tuple[str, ...], delimiter: str | N
                 value = float(cell)
             except ValueError:
                 return LogError(path, f"`{name}` must be a number, but is {cell.strip()!r}", number)
-            if not math.isfinite(value):
+            if finite and not math.isfinite(value):
                 return LogError(path, f"`{name}` must be finite, but is {cell.strip()}", number)
     return LogError(path, "holds no data, only comments")
 
@@ -74,9 +76,9 @@ def read_table(
     try:
         table = np.loadtxt(lines, dtype=np.float64, comments="#", delimiter=delimiter, ndmin=2)
     except ValueError:
-        raise _explain(path, text, columns, delimiter, skip) from None
+        raise _explain(path, text, columns, delimiter, skip, finite) from None
     if table.shape[1] != len(columns) or (finite and not np.isfinite(table).all()):
-        raise _explain(path, text, columns, delimiter, skip)
+        raise _explain(path, text, columns, delimiter, skip, finite)
     return table, text
 
 

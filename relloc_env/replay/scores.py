@@ -130,7 +130,7 @@ class PoseErrors(NamedTuple):
 
 def pose_errors(log: Log, trace: Trace, pair: int, observer: int, observed: int) -> PoseErrors:
     """Errors over time of one ordered pair."""
-    finite = np.isfinite(trace.pose[:, pair]).all(axis=1)
+    finite = np.isfinite(trace.pose[:, pair].sum(axis=1))
     error = np.where(finite[:, None], trace.pose[:, pair], np.nan) - _truth(log).relative[:, pair]
     error[:, 2] = np.mod(error[:, 2] + np.pi, 2.0 * np.pi) - np.pi
     covariance = trace.pose_covariance[:, pair]

@@ -1,0 +1,80 @@
+"""What the recorded sets must give (the sets' own data; skipped where they are not at hand)."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from relloc_env.estimators import MapAlignmentConfig
+from relloc_env.logs import MrclamFolder, read_mrclam
+from relloc_env.replay import replay, run_estimator, scores
+from relloc_env.replay.settings import configure
+
+
+@pytest.fixture(scope="module")
+def mrclam(data_dir: Path) -> MrclamFolder:
+    path = data_dir / "mrclam" / "MRCLAM_Dataset7"
+    if not path.is_dir():
+        pytest.skip(f"no {path}")
+    return read_mrclam(path)
+
+
+def test_starloc_depth_with_the_papers_gains_and_critically_damped(data_dir: Path) -> None:
+    path = data_dir / "starloc" / "zigzag_s4"
+    if not path.is_dir():
+        pytest.skip(f"no {path}")
+    data = replay(path, estimator=["cascade", "cascade-critical"]).to_dict()["estimators"]
+    paper, critical = data["cascade"], data["cascade-critical"]
+    assert (paper["config"]["h"], paper["config"]["alpha_lambda"]) == (2.5, 120.0)
+    assert (critical["config"]["damping"], critical["config"]["alpha_lambda"]) == ("critical", 120.0)
+    assert paper["depth"]["tracks"] > 30
+    assert paper["depth"]["median_initial_error_m"] == pytest.approx(1.0, abs=0.01)
+    assert paper["depth"]["median_final_error_m"] <= 0.36
+    assert critical["depth"]["median_final_error_m"] <= 0.25
+    # The right camera, which knows nothing of the tags' positions, agrees.
+    assert paper["depth"]["median_final_error_against_sensor_m"] <= 0.36
+    assert critical["depth"]["median_final_error_against_sensor_m"] <= 0.25
+
+
+def _medians(folder: MrclamFolder, velocity: str) -> tuple[float, float, float]:
+    """Median errors [m, degrees] over the seconds of all ten pairs, and the part of the seconds with an estimate."""
+    series = []
+    pairs = folder.pairs()
+    assert len(pairs) == 10
+    for pair in pairs:
+        log = folder.log(pair, velocity=velocity)  # type: ignore[arg-type]
+        config = configure(log, "map-alignment")
+        assert isinstance(config, MapAlignmentConfig)
+        # An alignment every few seconds, to be quick.
+        run = run_estimator(log, "map-alignment", config.model_copy(update={"align_every": 25}))
+        series += [scores.per_second(log.time, errors) for errors in run.poses]
+    every = scores.join(series)
+    part = len(every.position) / every.seconds_shared
+    return float(np.median(every.position)), float(np.degrees(np.median(every.heading))), part
+
+
+def test_mrclam_all_pairs_with_motion_capture(mrclam: MrclamFolder) -> None:
+    position, heading, part = _medians(mrclam, "mocap")
+    assert position <= 0.10
+    assert heading <= 1.0
+    assert part > 0.9
+
+
+def test_mrclam_all_pairs_with_the_logged_commands(mrclam: MrclamFolder) -> None:
+    position, heading, part = _medians(mrclam, "commands")
+    assert position < 0.6
+    assert heading < 8.0
+    assert part > 0.7
+
+
+def test_mrclam_file_facts(mrclam: MrclamFolder) -> None:
+    """Figures of the set that its authors' description and a count of its lines give."""
+    assert len(mrclam.landmarks) == 15
+    assert sorted(mrclam.robots) == [1, 2, 3, 4, 5]
+    log = mrclam.log((2, 3), start=452.0, stop=479.0)
+    together = log.samples.seen[0].any(axis=0).all(axis=0)
+    assert {"landmark_7", "landmark_8"} <= {log.points[m] for m in np.flatnonzero(together)}
+    assert log.truth is not None
+    assert log.truth.sensed_depth is not None
+    error = log.truth.sensed_depth - log.truth.depth
+    assert np.nanmedian(np.abs(error)) < 0.2
