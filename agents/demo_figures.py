@@ -131,8 +131,14 @@ def _floor(arena: tuple[float, float]) -> Outline:
     return Outline([(-x, -y), (x, -y), (x, y), (-x, y), (-x, -y)], closed=True)
 
 
-def motions(episodes: Mapping[str, Episode], config: EnvConfig, path: Path) -> None:
-    """For each motion, the paths over the arena, and below the error of the relative pose with its bound."""
+def motions(episodes: Mapping[str, Mapping[str, Episode]], config: EnvConfig, path: Path) -> None:
+    """For each motion, the paths over the arena, and below each estimator's error of the relative pose with the bound.
+
+    Args:
+        episodes: by motion and estimator; of the first estimator the paths and the bound are shown.
+        config: of all episodes.
+        path: file to write.
+    """
     count = len(episodes)
     with mpl.rc_context(STYLE):
         figure = _figure(2.35 * count, 7.2)
@@ -141,24 +147,30 @@ def motions(episodes: Mapping[str, Episode], config: EnvConfig, path: Path) -> N
             x=0.01, ha="left",
         )  # fmt: skip
         axes = figure.subplots(3, count, squeeze=False, sharey="row", height_ratios=(1.35, 1.0, 1.0))
-        for column, (name, episode) in enumerate(episodes.items()):
+        for column, (name, both) in enumerate(episodes.items()):
+            episode = next(iter(both.values()))
             _map(axes[0, column], episode, config)
             axes[0, column].set(title=name)
             if column:
                 axes[0, column].set(ylabel="")
             for j, unit in enumerate((1.0, 180.0 / np.pi)):
                 axis = axes[1 + j, column]
-                axis.plot(
-                    episode.time, unit * episode.pose_error[:, 0, j], color=_colour(robot_colour(0)), label="error"
-                )
+                for colour, (label, one) in zip((_colour(robot_colour(0)), "#B0B0B0"), both.items(), strict=True):
+                    axis.plot(one.time, unit * one.pose_error[:, 0, j], color=colour, label=label)
                 axis.plot(episode.time, unit * episode.pose_bound[:, j], color="black", ls="--", lw=1.1, label="bound")
-                axis.axhline(SUCCESS[j], color=GREY, lw=0.8, ls=":", label=("5 cm", "1.5°")[j])
+                axis.axhline(SUCCESS[j], color=GREY, lw=0.8, ls=":")
                 axis.set(yscale="log", xlim=(0.0, episode.time[-1]))
             axes[2, column].set(xlabel="time [s]")
-        axes[1, 0].set(ylabel="position [m]", ylim=(3e-3, 6.0))
-        axes[2, 0].set(ylabel="heading [deg]", ylim=(2e-2, 200.0))
-        for axis in axes[1:, -1]:
-            axis.legend(loc="upper right", handlelength=1.4)
+            for j, mark in enumerate(("5 cm", "1.5°")):
+                place = (0.99, SUCCESS[j])
+                axes[1 + j, column].annotate(
+                    mark, place, xytext=(0, 2), textcoords="offset points", ha="right", color=GREY, fontsize=7.5,
+                    xycoords=("axes fraction", "data"),
+                )  # fmt: skip
+        axes[1, 0].set(ylabel="position error [m]", ylim=(2e-3, 10.0))
+        axes[2, 0].set(ylabel="heading error [deg]", ylim=(2e-2, 200.0))
+        handles, labels = axes[1, 0].get_legend_handles_labels()
+        figure.legend(handles[:3], labels[:3], loc="upper right", ncols=3, handlelength=1.6)
         figure.savefig(path, dpi=110)
 
 

@@ -21,11 +21,11 @@ HEADS = {
     "heading_error_end_deg": "head. [°]",
     "worst_depth_error_end_m": "depth [m]",
     "all_seen_by_all": "seen [%]",
-    "path_m": "path [m]",
 }
 """Columns of the table of motions, by the names of `Episode.summary`."""
 EXPLAINED = """J: information about the relative pose [nats]. bound: when an ideal estimate is within 5 cm, 1.5°.
-pos., head., depth: errors at the end, the worst of both robots. More in motions.csv."""
+pos., head., depth: errors at the end, the worst of both robots; last: pos. with the paper's.
+More in motions.csv."""
 DIGITS = {"bound_reached_s": 1, "position_error_end_m": 3, "worst_depth_error_end_m": 3, "path_m": 1}
 REPLAY_HEADS = {
     "estimator": "estimator",
@@ -65,9 +65,9 @@ def _tables(results: Mapping[str, Any]) -> list[Content]:
     ]
     heads = ["", "depths known [s]", "paper [s]", "depth [m]", "other robot [m]", "heading [°]"]
     tables: list[Content] = [("The paper's experiment", heads, rows)]
-    motions = sorted(results["motions"].items(), key=lambda item: -item[1]["information_end_nats"])
-    rows = [[name, *(_cell(key, scores[key]) for key in HEADS)] for name, scores in motions]
-    tables.append((f"Motions on one scenario (seed {results['seed']})", ["motion", *HEADS.values()], rows))
+    rows, best, other = _motions(results["motions"])
+    title = f"Motions from one start (seed {results['seed']}), estimator {best}"
+    tables.append((title, ["motion", *HEADS.values(), other], rows))
     for part in results["replays"]:
         title = f"Replayed log: {Path(part['path']).name}"
         if "error" in part:
@@ -79,18 +79,32 @@ def _tables(results: Mapping[str, Any]) -> list[Content]:
     return tables
 
 
+def _motions(motions: Mapping[str, Mapping[str, Mapping[str, Any]]]) -> tuple[list[list[str]], str, str]:
+    """Rows of the table of motions, the most informative first, and the names of both estimators."""
+    best, other = next(iter(motions.values()))
+    rows = []
+    for name, both in sorted(motions.items(), key=lambda item: -item[1][best]["information_end_nats"]):
+        cells = [_cell(key, both[best][key]) for key in HEADS]
+        rows.append([name, *cells, _cell("position_error_end_m", both[other]["position_error_end_m"])])
+    return rows, best, other
+
+
 def write(results: Mapping[str, Any], out: Path) -> None:
     """Write results.json, motions.csv and tables.md."""
     (out / "results.json").write_text(json.dumps(results, indent=1, allow_nan=False) + "\n", encoding="utf-8")
     with (out / "motions.csv").open("w", encoding="utf-8", newline="") as file:
-        scores = next(iter(results["motions"].values()))
-        writer = csv.DictWriter(file, ["motion", *scores])
+        lines = [
+            {"motion": name, "estimator": estimator, **scores}
+            for name, both in results["motions"].items()
+            for estimator, scores in both.items()
+        ]
+        writer = csv.DictWriter(file, list(lines[0]))
         writer.writeheader()
-        writer.writerows({"motion": name, **row} for name, row in results["motions"].items())
+        writer.writerows(lines)
     text = "# What the demonstration found\n"
     for title, heads, rows in _tables(results):
-        lines = [heads, ["---"] * len(heads), *rows]
-        text += f"\n## {title}\n\n" + "".join(f"| {' | '.join(line)} |\n" for line in lines)
+        table = [heads, ["---"] * len(heads), *rows]
+        text += f"\n## {title}\n\n" + "".join(f"| {' | '.join(line)} |\n" for line in table)
     (out / "tables.md").write_text(text, encoding="utf-8")
 
 
