@@ -10,7 +10,7 @@ from relloc_env.kernels.world import clearance
 
 FIXED, POSITIVE, GAUSSIAN = range(3)
 """Kinds of errors of what the robots are told."""
-TRIES = 3000
+TRIES = 20_000
 """Attempts at a whole start before `place` gives up."""
 ROBOT_TRIES = 60
 """Attempts at one robot's pose among given targets."""

@@ -1,5 +1,6 @@
 """`get_state` and `set_state`: an episode goes on bit for bit, in contact too, here, elsewhere, and more than once."""
 
+import copy
 import pickle
 from typing import Any
 
@@ -114,6 +115,21 @@ def test_gymnasium_door(name: str, estimator: str | None) -> None:
             shown.append(pickle.dumps((observation, reward, terminated, truncated, info)))
         runs.append(shown)
     assert runs[0] == runs[1]
+
+
+@pytest.mark.parametrize("estimator", ESTIMATORS)
+def test_copies_go_on_alike_and_apart(estimator: str | None) -> None:
+    """A deep copy and a pickle of an environment in mid-episode: what one does leaves the others as they were."""
+    env = relloc_env.parallel_env(ROUGH, estimator=estimator)
+    env.reset(seed=5)
+    actions = choices(4, 90)
+    play(env, actions[:50])
+    runs = [
+        [pickle.loads(shown) for shown in play(each, actions[50:])]
+        for each in (copy.deepcopy(env), pickle.loads(pickle.dumps(env)), env)
+    ]
+    np.testing.assert_equal(runs[0], runs[1])
+    np.testing.assert_equal(runs[0], runs[2])
 
 
 def test_end_of_the_episode_is_part_of_the_state() -> None:
