@@ -103,7 +103,7 @@ class CameraConfig(Model):
             return data
         data = dict(data)
         preset = data.get("preset")
-        base = dict(CAMERAS.get(preset, {})) if isinstance(preset, str) else dict(CAMERAS["pi"])
+        base = dict(CAMERAS.get(preset, CAMERAS["pi"]) if isinstance(preset, str) else CAMERAS["pi"])
         if "focal_length" in data:
             base.pop("field_of_view", None)
         data = base | data
@@ -177,9 +177,9 @@ class ShieldConfig(Model):
 class StartConfig(Model):
     """Distribution of starts; what `poses` or `points` fix is not drawn."""
 
-    target_distance: Range = (2.0, 7.0)
+    target_distance: Pair = (2.0, 7.0)
     """[m] least and greatest distance of each robot to each target, in the plane."""
-    target_separation: Range = (0.8, 4.0)
+    target_separation: Pair = (0.8, 4.0)
     """[m] least and greatest distance between targets, in the plane."""
     target_height: Range = (-0.3, 0.8)
     """[m] of targets above the camera."""
@@ -262,7 +262,7 @@ def _sequence(value: Any) -> Any:
 
 
 class EnvConfig(Model):
-    """One environment. A single entry in `robots_like` or `cameras` holds for all robots."""
+    """One environment. A single entry in `robot` or `camera` holds for all robots."""
 
     RATE: ClassVar[float] = 20.0
 
@@ -439,6 +439,11 @@ def _explain(model: type[BaseModel], error: Any) -> str:
         return f"Unknown option `{name}`{hint(path[-1], _fields_at(model, path[:-1]))}"
     if error["type"] == "missing":
         return f"Argument `{name}` is missing"
+    if error["type"] in ("union_tag_not_found", "union_tag_invalid"):
+        choice = f"Argument `{name}.{error['ctx']['discriminator']}`".replace("'", "")
+        if error["type"] == "union_tag_not_found":
+            return f"{choice} must be given, but is missing"
+        return f"{choice} must be one of {error['ctx']['expected_tags']}, but is {error['ctx']['tag']!r}"
     message = str(error["msg"]).removeprefix("Value error, ").replace("Input should be", "must be")
     if message.startswith(("Argument", "Unknown")):
         return message

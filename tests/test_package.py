@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+import relloc_env
+
 ROOT = Path(__file__).resolve().parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
 
@@ -70,7 +72,7 @@ def test_pins_are_plain_releases() -> None:
 def test_version_is_the_same_everywhere() -> None:
     citation = re.search(r"^version: (.+)$", (ROOT / "CITATION.cff").read_text("utf-8"), re.MULTILINE)
     assert citation is not None
-    assert citation.group(1) == PROJECT["version"]
+    assert citation.group(1) == PROJECT["version"] == relloc_env.__version__
 
 
 def test_wheel_ships_the_package_alone(tmp_path: Path) -> None:

@@ -55,6 +55,8 @@ def test_estimator_of_ones_own() -> None:
     shown, _ = outside.reset(seed=4)
     np.testing.assert_array_equal(shown, expected)
     assert own.estimate.known.all()
+    full = gym.make(IDS[1], config={"estimator": None}, estimator=make("cascade", 1, 2, 2))
+    np.testing.assert_array_equal(full.reset(seed=4)[0], expected)
 
 
 def test_only_bare_environments_are_wrapped() -> None:

@@ -35,7 +35,10 @@ def open_core(
             f"but is {type(estimator).__name__}"
         )
     own: Estimator = estimator
-    return Core(load_config(config, **options), num_envs, own)
+    complete = load_config(config, **options)
+    if complete.estimator is None:  # the observation is laid out for an estimator where the configuration names one
+        complete = load_config(complete, estimator="cascade")
+    return Core(complete, num_envs, own)
 
 
 def check_render_mode(mode: str | None) -> str | None:

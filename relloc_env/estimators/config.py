@@ -39,9 +39,9 @@ class CascadeConfig(EstimatorOptions):
     kind: Literal["cascade"] = "cascade"
 
     h: Gain = 2.5
-    """[1/s] gain H of the image innovation; with `damping="critical"` only its start value matters."""
+    """[1/s] gain H of the image innovation; not used with `damping="critical"`."""
     alpha_lambda: Gain = 120.0
-    """[-] product alpha Lambda of the depth innovation."""
+    """[1/m²] product alpha Lambda of the depth innovation."""
     damping: Literal["fixed", "critical"] = "fixed"
     """`critical`: H = 2 sqrt(alpha Lambda) sigma from the current excitation sigma, not below `h_floor`."""
     h_floor: PositiveFloat = 1.0
@@ -67,7 +67,7 @@ class CascadeConfig(EstimatorOptions):
     image_noise: NonNegativeFloat = 0.003
     """[-] standard deviation of normalised image coordinates."""
     odometry_noise: tuple[NonNegativeFloat, NonNegativeFloat] = (0.01, 0.01)
-    """[m/s, rad/s] standard deviation of the odometry of one sample: each speed, yaw rate."""
+    """[m/s, rad/s] standard deviation of the odometry of one sample: forward speed, yaw rate."""
     grid_period: PositiveFloat | None = 0.2
     """[s] while the heading is uncertain, the pose comes from a grid of headings, renewed this often. None: never."""
     unheard_sd: tuple[NonNegativeFloat, NonNegativeFloat] = (0.1, 0.2)
@@ -83,7 +83,7 @@ class CascadeConfig(EstimatorOptions):
 
 
 class MapAlignmentConfig(EstimatorOptions):
-    """A joint map per robot, and the pose anew from the two maps at each alignment (docs/estimator.md)."""
+    """A joint map per robot, and the pose anew from the two maps at each alignment (docs/equations.md, section 7)."""
 
     kind: Literal["map-alignment"] = "map-alignment"
 

@@ -20,7 +20,7 @@ NOMINAL = np.array([1.0, 1.0, 0.0, 0.0, 0.0])
 
 
 class MapAlignment:
-    """Local joint maps, aligned anew each time (docs/estimator.md). See `estimators.protocol.Estimator`."""
+    """Local joint maps, aligned anew each time (docs/equations.md, section 7). See `estimators.protocol.Estimator`."""
 
     def __init__(
         self, num_envs: int, robots: int, points: int, config: MapAlignmentConfig, *, message_window: int = 1

@@ -48,5 +48,5 @@ def fill_times(frames: Float, longest: float) -> Float:
     parts = [frames[:1]]
     for a, b in pairwise(frames):
         steps = max(1, math.ceil((b - a) / longest - 1e-9))
-        parts.append(a + (b - a) * np.arange(1, steps + 1) / steps)
+        parts.append(np.append(a + (b - a) * np.arange(1, steps) / steps, b))  # the frame itself to the last bit
     return np.concatenate(parts)

@@ -241,7 +241,7 @@ class TestDoors:
 
 
 def test_edge_law_tells_more_than_going_straight():
-    """Paired over 24 scenarios of one robot: the information at the end (MOTION study: 2.06 against 1.69)."""
+    """Paired over 24 scenarios of one robot: the information at the end, in the order it should have."""
     from relloc_env.envs.core import Core
 
     config = load_config(robots=1)

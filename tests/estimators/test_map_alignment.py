@@ -34,7 +34,7 @@ class Run(NamedTuple):
 def simulate(
     runs: int, seconds: float, seed: int, *, missed: float = 0.0, outliers: float = 0.0, bearings: bool = False
 ) -> Run:
-    """Noisy runs of one motion of two robots; initial errors of fixed size and random sign (docs/estimator.md)."""
+    """Noisy runs of one motion of two robots; initial errors of fixed size and random sign."""
     rng = np.random.default_rng(seed)
     steps, points = round(seconds / DT) + 1, len(TARGETS)
     image = np.empty((runs, steps, 2, points, 2))
