@@ -1,0 +1,161 @@
+import csv
+import io
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from rich.console import Console
+from typer.testing import CliRunner
+
+import relloc_env
+from agents import Task, demo, make
+from agents.__main__ import app
+from agents.rollout import Episode, rollout
+
+ROOT = Path(__file__).resolve().parents[2]
+PNG = b"\x89PNG\r\n\x1a\n"
+
+
+def episode(**changes):
+    """Four instants of two robots that found each other at 10 s."""
+    values: dict[str, Any] = {
+        "time": np.array([0.0, 5.0, 10.0, 15.0]),
+        "poses": np.zeros((4, 2, 3)),
+        "points": np.zeros((2, 3)),
+        "depth_error": np.full((4, 2, 2), 0.01),
+        "pose_error": np.zeros((4, 2, 2)),
+        "pose_bound": np.full((4, 2), 0.02),
+        "worst_bound": np.array([[1.0, 1.0], [0.04, 0.5], [0.04, 0.02], [0.04, 0.02]]),
+        "information": np.array([0.0, 1.0, 3.0, 4.0]),
+        "seen": np.ones((4, 2, 2), np.bool_),
+        "blocked": np.zeros((4, 2)),
+        "reward": 2.0,
+    }
+    return Episode(**(values | changes))
+
+
+class TestSummary:
+    def test_times(self):
+        pose_error = np.zeros((4, 2, 2))
+        pose_error[1, 1, 0] = 0.06
+        depth_error = np.full((4, 2, 2), -0.01)
+        depth_error[2, 0, 1] = -0.2
+        found = episode(pose_error=pose_error, depth_error=depth_error).summary()
+        assert found["bound_reached_s"] == 10.0
+        assert found["errors_settled_s"] == 15.0
+        assert found["information_10s_nats"] == 3.0
+
+    def test_never(self):
+        pose_error = np.zeros((4, 2, 2))
+        pose_error[-1, 0, 1] = np.radians(1.6)
+        found = episode(pose_error=pose_error, worst_bound=np.ones((4, 2))).summary()
+        assert found["bound_reached_s"] is None
+        assert found["errors_settled_s"] is None
+        assert found["heading_error_end_deg"] == pytest.approx(1.6)
+
+    def test_points_not_known_are_not_settled(self):
+        depth_error = np.full((4, 2, 2), 0.01)
+        depth_error[:, 1, 1] = np.nan
+        found = episode(depth_error=depth_error).summary()
+        assert found["errors_settled_s"] is None
+        assert found["worst_depth_error_end_m"] is None
+
+    def test_path_is_the_mean_of_both(self):
+        poses = np.zeros((4, 2, 3))
+        poses[:, 0, 0] = [0.0, 1.0, 2.0, 1.0]
+        poses[:, 1, :2] = [[0.0, 0.0], [0.3, 0.4], [0.3, 0.4], [0.3, 0.4]]
+        assert episode(poses=poses).summary()["path_m"] == pytest.approx(0.5 * (3.0 + 0.5))
+
+
+def test_rollout_notes_what_the_doors_tell():
+    env = relloc_env.parallel_env(max_cycles=12, estimator="cascade")
+    played = rollout(env, make("straight", Task.of(env)), seed=2)
+    assert played.time.tolist() == [0.25 * k for k in range(13)]
+    # Straight ahead at 0.3 m/s for 3 s.
+    assert played.summary()["path_m"] == pytest.approx(0.9, abs=1e-9)
+    info = env.core.information(0)
+    np.testing.assert_array_equal(played.poses[-1], info["truth"]["poses"])
+    np.testing.assert_array_equal(played.pose_error[-1], info["errors"]["pose"])
+    assert played.information[-1] == info["information"]["pose"]
+    # Depth is range times the cosine of the bearing, for the estimate and for the truth; bearings are nearly known.
+    to = played.points[None, :, :2] - played.poses[-1, :, None, :2]
+    bearing = np.arctan2(to[..., 1], to[..., 0]) - played.poses[-1, :, None, 2]
+    np.testing.assert_allclose(played.depth_error[-1], np.cos(bearing) * info["errors"]["range"], atol=0.02)
+
+
+class TestFindLogs:
+    def test_at_hand(self, monkeypatch, tmp_path):
+        monkeypatch.setenv("RELLOC_DATA", str(tmp_path))
+        assert demo.find_logs(None) == []
+        (tmp_path / "starloc" / "zigzag_s4").mkdir(parents=True)
+        assert [found.path for found in demo.find_logs(None)] == [tmp_path / "starloc" / "zigzag_s4"]
+
+    def test_given(self, tmp_path):
+        (found,) = demo.find_logs(tmp_path / "MRCLAM_Dataset7")
+        assert found.options["robots"] == (2, 3)
+        (found,) = demo.find_logs(tmp_path)
+        assert found.options == {}
+
+
+class TestCommand:
+    def test_help(self):
+        result = CliRunner().invoke(app, ["demo", "--help"], env={"COLUMNS": "120", "NO_COLOR": "1"})
+        assert result.exit_code == 0
+        for option in ("--out", "--seed", "--log"):
+            assert option in result.output
+
+    def test_log_that_is_not_there(self, tmp_path):
+        result = CliRunner().invoke(app, ["demo", "--out", str(tmp_path / "out"), "--log", str(tmp_path / "none")])
+        assert result.exit_code == 2
+        assert result.output.strip() == f"Error: {tmp_path / 'none'}: folder not found"
+        assert not (tmp_path / "out").exists()
+
+    def test_bad_seed(self, tmp_path):
+        assert CliRunner().invoke(app, ["demo", "--out", str(tmp_path), "--seed", "-1"]).exit_code == 2
+
+    def test_runs_as_a_module(self):
+        command = [sys.executable, "-m", "agents", "--help"]
+        result = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+        assert result.returncode == 0, result.stderr
+        assert "demo" in result.stdout
+
+
+def test_demonstration_leaves_its_folder(monkeypatch, tmp_path):
+    """Two motions, and a simulated log in place of the recorded ones."""
+    monkeypatch.setenv("RELLOC_DATA", str(tmp_path / "none"))
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")]))
+    monkeypatch.setattr(demo, "MOTIONS", ("straight", "edge-near"))
+    out, text = tmp_path / "out", io.StringIO()
+    demo.run(out, seed=5, console=Console(file=text, width=100))
+    results = json.loads((out / "results.json").read_text("utf-8"))
+    # The paper: converged after about 13 s (A) and 25 s (B).
+    settled = results["paper_experiment"]["depth_settled_s"]
+    assert settled["robot_a"] == pytest.approx(13.0, abs=2.0)
+    assert settled["robot_b"] == pytest.approx(25.0, abs=2.0)
+    assert list(results["motions"]) == ["straight", "edge-near"]
+    (replayed,) = results["replays"]
+    assert "error" not in replayed
+    assert (out / replayed["folder"] / "replay.json").exists()
+    for name in ("paper-experiment.png", "motions.png", "information.png"):
+        assert (out / name).read_bytes().startswith(PNG)
+    assert (out / "straight-and-edge.mp4").read_bytes()[4:8] == b"ftyp"
+    with (out / "motions.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert [(row["motion"], row["estimator"]) for row in rows] == [
+        (motion, estimator) for motion in ("straight", "edge-near") for estimator in ("map-alignment", "cascade")
+    ]
+    scores = results["motions"]["edge-near"]["cascade"]
+    assert float(rows[-1]["information_end_nats"]) == scores["information_end_nats"]
+    printed = text.getvalue()
+    assert f"Where to look: {out}/" in printed
+    for file in out.iterdir():
+        assert file.name in printed
+    assert "[13/13]" not in printed
+    assert "RELLOC_DATA" in printed
+    shutil.rmtree(out)
