@@ -7,7 +7,7 @@ weighs exp(-J/2) det(H)^-1/2 with the Hessian of what was minimised.
 import math
 
 from relloc_env.kernels._compile import kernel
-from relloc_env.kernels.alignment import minimise
+from relloc_env.kernels.alignment import minimise, start_at
 from relloc_env.kernels.motion import wrap_angle
 
 CIRCLE_NODES = 72
@@ -21,12 +21,14 @@ LOCAL_REACH = 4.0
 
 
 @kernel
-def heading_grid(problem, m, best, centre, sd, iterations, tolerance, nodes, y, mean, covariance):
+def heading_grid(problem, m, best, second, has_second, centre, sd, iterations, tolerance, nodes, y, mean, covariance):
     """Write mean and covariance of xi over a grid of headings.
 
     Args:
         problem, m, iterations, tolerance: as for `alignment.minimise`.
         best: (≥ 3 m + 4,) the optimum found, from which the nodes are reached one by one.
+        second, has_second: (3,) another optimum's pose, if there is one: the nodes are reached from there as well, and
+            the better way counts, since the rest may have several minima for one heading.
         centre, sd: [rad] mean and standard deviation of the heading as believed so far.
         nodes: (≥ CIRCLE_NODES, ≥ 7) scratch.
         y: (≥ 3 m + 4,) scratch; holds the best node's unknowns when it returns.
@@ -37,8 +39,8 @@ def heading_grid(problem, m, best, centre, sd, iterations, tolerance, nodes, y, 
     """
     last = 3 * m + 1
     mode = best[last + 2]
-    offset = wrap_angle(mode - centre)
-    if sd > LOCAL_SD or abs(offset) > 2.0 * sd:
+    offset, apart = wrap_angle(mode - centre), wrap_angle(second[2] - mode)
+    if sd > LOCAL_SD or abs(offset) > 2.0 * sd or has_second:
         count, first = CIRCLE_NODES, CIRCLE_NODES // 2
         spacing = 2.0 * math.pi / count
         origin = mode
@@ -46,30 +48,39 @@ def heading_grid(problem, m, best, centre, sd, iterations, tolerance, nodes, y, 
         count, spacing = LOCAL_NODES, 2.0 * LOCAL_REACH * sd / (LOCAL_NODES - 1)
         first = LOCAL_NODES // 2 + round(offset / spacing)
         origin = centre + (first - LOCAL_NODES // 2) * spacing
+    origin -= first * spacing
+    for node in range(count):
+        nodes[node, 0] = -math.inf
+    from_second = min(max(first + round(apart / spacing), 0), count - 1)
     top, top_node, top_cost = -math.inf, 0, math.inf
-    for index in range(count):
-        # Upwards from the node nearest to the optimum, then downwards from there.
-        node = first + index if first + index < count else count - 1 - index
-        if index == 0 or node == first - 1:
-            for i in range(3 * m + 4):
-                y[i] = best[i]
-        heading = origin + (node - first) * spacing
+    for step in range(2 * count if has_second else count):
+        # Upwards from the node nearest to an optimum, then downwards from there.
+        start, index = (first, step) if step < count else (from_second, step - count)
+        node = start + index if start + index < count else count - 1 - index
+        if index == 0 or node == start - 1:
+            if step < count:
+                for i in range(3 * m + 4):
+                    y[i] = best[i]
+            else:
+                start_at(problem, m, second, y)
+        heading = origin + node * spacing
         y[last + 2] = heading
         cost, log_det = minimise(problem, m, y, last + 2, iterations, tolerance)
+        weight = -0.5 * (cost + log_det)
         if not cost < math.inf:
-            nodes[node, 0] = -math.inf
             for i in range(3 * m + 4):
                 y[i] = best[i]
+            continue
+        if weight <= nodes[node, 0]:
             continue
         f = problem.factor
         i_xx, i_yy = 1.0 / f[last, last], 1.0 / f[last + 1, last + 1]
         i_yx = -f[last + 1, last] * i_xx * i_yy
-        nodes[node, 0] = -0.5 * (cost + log_det)
+        nodes[node, 0] = weight
         nodes[node, 1], nodes[node, 2], nodes[node, 3] = y[last], y[last + 1], heading
-        nodes[node, 4], nodes[node, 5] = i_xx * i_xx + i_yx * i_yx, i_yx * i_yy
-        nodes[node, 6] = i_yy * i_yy
-        if nodes[node, 0] > top:
-            top, top_node, top_cost = nodes[node, 0], node, cost
+        nodes[node, 4], nodes[node, 5], nodes[node, 6] = i_xx * i_xx + i_yx * i_yx, i_yx * i_yy, i_yy * i_yy
+        if weight > top:
+            top, top_node, top_cost = weight, node, cost
     if top == -math.inf:
         return math.inf
     total, s_x, s_y, s_t = 0.0, 0.0, 0.0, 0.0

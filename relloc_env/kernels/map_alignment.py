@@ -131,6 +131,8 @@ def align_pair(maps, pairs, options, heights, problem, starts, nodes, n, p, a, b
             problem,
             m,
             best,
+            second,
+            pairs.has_second[n, p],
             anchored[2],
             sd,
             options.iterations,
