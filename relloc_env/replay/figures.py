@@ -117,7 +117,7 @@ def _nees(runs: "list[Run]") -> "Figure":
         at = scores.by_second(log.time)
         nees = np.where(errors.exists[at], errors.nees[at], np.nan)
         axis.plot(log.time[at], nees, color=colour, lw=1.0, label=run.estimator)
-    axis.set(yscale="log", ylim=(1e-2, 1e4), xlabel="time [s]", ylabel="NEES (3 degrees of freedom)")
+    axis.set(yscale="log", ylim=(1e-2, 1e8), xlabel="time [s]", ylabel="NEES (3 degrees of freedom)")
     axis.set_title(f"{log.name}: error in units of the claimed covariance")
     axis.grid(alpha=0.3)
     axis.legend(loc="upper right", ncols=2)
