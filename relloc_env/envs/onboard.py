@@ -192,17 +192,26 @@ class Onboard:
             value[rows] = state[name]
 
 
-def informed(config: EnvConfig) -> CascadeConfig | MapAlignmentConfig:
-    """The estimator's configuration, which takes the noise of the robots' sensors where it does not state its own."""
-    assert config.estimator is not None
-    noise = {
+def informed(
+    config: EnvConfig, estimator: CascadeConfig | MapAlignmentConfig | None = None
+) -> CascadeConfig | MapAlignmentConfig:
+    """An estimator's configuration, which takes what is known of the robots' sensors where it does not state its own.
+
+    Args:
+        config: of the environment, with the robots and cameras.
+        estimator: the one to inform; None for the environment's own.
+    """
+    chosen = estimator or config.estimator
+    assert chosen is not None
+    known: dict[str, object] = {
         "image_noise": max(config.camera_of(r).image_noise for r in range(config.robots)),
         "odometry_noise": tuple(
             max(config.robot_of(r).odometry_noise[j] for r in range(config.robots)) for j in (0, 1)
         ),
     }
-    chosen = config.estimator
-    unstated = {name: value for name, value in noise.items() if name not in chosen.model_fields_set}
+    if isinstance(chosen, MapAlignmentConfig):
+        known["camera_heights"] = tuple(config.camera_of(r).mount_height for r in range(config.robots))
+    unstated = {name: value for name, value in known.items() if name not in chosen.model_fields_set}
     return chosen.model_copy(update=unstated)
 
 

@@ -18,6 +18,9 @@ from relloc_env.samples import Estimate, Prior, Rows, Samples, ordered_pairs
 NOMINAL = np.array([1.0, 1.0, 0.0, 0.0, 0.0])
 """Calibration of a robot as built: scales 1, no loss, camera straight ahead, no delay."""
 
+LEAST_IMAGE_NOISE = 1e-4
+"""[-] a camera without noise is taken to have this much: covariances stay regular."""
+
 
 class MapAlignment:
     """Local joint maps, aligned anew each time (docs/equations.md, section 7). See `estimators.protocol.Estimator`."""
@@ -188,7 +191,7 @@ class MapAlignment:
 def _options(config: MapAlignmentConfig) -> Options:
     rho, rho_sd = config.inverse_range_prior or (0.0, 0.0)
     return Options(
-        image_variance=config.image_noise**2,
+        image_variance=max(config.image_noise, LEAST_IMAGE_NOISE) ** 2,
         speed_variance=config.odometry_noise[0] ** 2,
         lateral_variance=config.lateral_noise**2,
         yaw_variance=config.odometry_noise[1] ** 2,
