@@ -123,7 +123,9 @@ def show(results: Mapping[str, Any], out: Path, console: Console) -> None:
     for title, heads, rows in _tables(results):
         table = Table(title=title, title_justify="left", title_style="bold", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
         for k, head in enumerate(heads):
-            table.add_column(escape(head), justify="left" if k == 0 else "right", no_wrap=k == 0)
+            # Heads break between words, never within one.
+            least = max(map(len, [*head.split(), ""]))
+            table.add_column(escape(head), justify="left" if k == 0 else "right", no_wrap=k == 0, min_width=least)
         for row in rows:
             table.add_row(*map(escape, row))
         console.print(table)
