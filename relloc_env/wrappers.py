@@ -12,7 +12,7 @@ from relloc_env.envs.centralised import RellocEnv
 from relloc_env.envs.core import ROBOT_NAMES
 from relloc_env.envs.observation import observe, slices
 from relloc_env.envs.onboard import Onboard
-from relloc_env.envs.spaces import joint_space
+from relloc_env.envs.spaces import joint_slices, joint_space
 from relloc_env.logs.episode import LogWriter
 from relloc_env.samples import Estimate, Float32, Prior, copy_sample, empty_samples
 
@@ -61,8 +61,8 @@ class EstimateObservation(gym.Wrapper[Any, Any, Any, Any]):
 
     @property
     def field_slices(self) -> dict[str, slice]:
-        """Where each named field is in one robot's part of the observation."""
-        return dict(self._full)
+        """Where each named field is in the observation."""
+        return joint_slices(self._config)
 
     def reset(
         self, *, seed: int | None = None, options: Mapping[str, Any] | None = None

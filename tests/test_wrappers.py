@@ -9,9 +9,9 @@ import pytest
 
 import relloc_env  # noqa: F401 - registers the ids
 from relloc_env.config import ConfigError
-from relloc_env.envs.onboard import informed
 from relloc_env.estimators import make
-from relloc_env.logs import read_log
+from relloc_env.logs import LogError, read_log
+from relloc_env.replay.settings import configure
 from relloc_env.wrappers import EstimateObservation, RecordLog
 
 IDS = ("relloc_env/ActiveDepth-v0", "relloc_env/RelativePose-v0")
@@ -30,6 +30,7 @@ def test_estimator_outside_is_the_estimator_inside(name: str, estimator: str, ne
     inside = gym.make(name, estimator=estimator, **options)
     outside = EstimateObservation(gym.make(name, estimator=None, **options), estimator)
     assert outside.observation_space == inside.observation_space
+    assert outside.field_slices == inside.unwrapped.field_slices  # type: ignore[attr-defined]
     rng = np.random.default_rng(5)
     for seed in (1, 2):
         expected, _ = inside.reset(seed=seed)
@@ -77,9 +78,11 @@ def test_recorded_episode_replays_to_the_same_estimates(tmp_path: Path) -> None:
         *_, terminated, truncated, _ = env.step(env.action_space.sample())
         ended = terminated or truncated
     core: Any = env.unwrapped.core  # type: ignore[attr-defined]
+    with pytest.raises(LogError, match="exists already"):
+        RecordLog(gym.make(IDS[1]), tmp_path).reset()
     log = read_log(tmp_path / "episode_000")
     assert len(log) == 101
-    estimator, rows = make(informed(core.config), 1, 2, 2), np.zeros(1, np.int64)
+    estimator, rows = make(configure(log, "cascade-critical"), 1, 2, 2), np.zeros(1, np.int64)
     estimator.reset(log.prior, rows)
     for block in log.blocks():
         estimator.update(block, rows)

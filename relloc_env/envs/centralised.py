@@ -98,7 +98,7 @@ class RellocEnv(gym.Env[Any, Any]):
     @property
     def field_slices(self) -> dict[str, slice]:
         """Where each named field is in the flat observation."""
-        return joint_slices(self.core)
+        return joint_slices(self.config)
 
     @property
     def state_space(self) -> spaces.Box:

@@ -7,7 +7,7 @@ from gymnasium import spaces
 
 from relloc_env.config import EnvConfig
 from relloc_env.envs.core import ROBOT_NAMES, Core
-from relloc_env.envs.observation import bounds, fields
+from relloc_env.envs.observation import bounds, fields, slices
 from relloc_env.samples import Float32
 
 
@@ -53,13 +53,14 @@ def joint_observation(core: Core, n: int) -> Float32 | dict[str, Float32]:
     }
 
 
-def joint_slices(core: Core) -> dict[str, slice]:
+def joint_slices(config: EnvConfig) -> dict[str, slice]:
     """Where each field is in the flat joint observation, by the keys of the joint `Dict`."""
-    size = core.low.size
+    where = slices(config)
+    size = max(part.stop for part in where.values())
     return {
-        _key(core.config, r, name): slice(r * size + part.start, r * size + part.stop)
-        for r in range(core.config.robots)
-        for name, part in core.slices.items()
+        _key(config, r, name): slice(r * size + part.start, r * size + part.stop)
+        for r in range(config.robots)
+        for name, part in where.items()
     }
 
 

@@ -133,6 +133,8 @@ class LogWriter:
         row: int = 0,
     ) -> None:
         self._path, self._row = Path(path), row
+        if self._path.exists():
+            raise LogError(self._path, "exists already; a log is written to a new folder")
         count, marks = prior.depth.shape[1:]
         self._robots = tuple(robots) if robots is not None else tuple(f"robot_{chr(97 + r)}" for r in range(count))
         self._names = tuple(names) if names is not None else tuple(f"point_{m + 1}" for m in range(marks))

@@ -6,6 +6,8 @@ Noise figures are of the sensors and of the commands, not of a run: they are the
 from collections.abc import Mapping
 from typing import Any
 
+from relloc_env.config import load_config
+from relloc_env.envs.onboard import informed
 from relloc_env.estimators import PRESETS, CascadeConfig, MapAlignmentConfig, resolve
 from relloc_env.logs.source import Log
 
@@ -34,12 +36,14 @@ def configure(log: Log, estimator: str | Config | Mapping[str, Any], pose_model:
     """Return the configuration of an estimator for a log.
 
     Args:
-        log: its kind and velocities decide the noise figures.
+        log: its kind and velocities decide the noise figures; a simulated one states them in its configuration.
         estimator: a name, which takes on the log's figures; a configuration or a mapping is taken as it is.
         pose_model: observation model of the cascade's pose filter; default as configured.
     """
     config = resolve(estimator)
-    if isinstance(estimator, str):
+    if isinstance(estimator, str) and log.kind == "relloc" and log.configuration:
+        config = informed(load_config(dict(log.configuration)), config)
+    elif isinstance(estimator, str):
         table = _CASCADE if isinstance(config, CascadeConfig) else _MAP_ALIGNMENT
         config = type(config)(**{**config.model_dump(), **table.get((log.kind, log.velocity), {})})
     if pose_model is not None:
