@@ -11,7 +11,7 @@ import relloc_env
 
 app = typer.Typer(add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False, help=__doc__)
 
-EXTRAS = {"matplotlib": "render", "pygame": "render", "imageio": "render", "pandas": "logs", "pyarrow": "logs"}
+EXTRAS = {"matplotlib": "logs", "pygame": "render", "imageio_ffmpeg": "render", "PIL": "render"}
 """The extra of this package that brings each optional one."""
 
 Out = Annotated[Path, typer.Option(help="Folder for the results; made where it is missing.", file_okay=False)]

@@ -46,7 +46,8 @@ def test_import_loads_neither_compiled_kernels_nor_optional_packages() -> None:
         "cv2",
         "pandas",
         "pyarrow",
-        "imageio",
+        "imageio_ffmpeg",
+        "PIL",
         "scipy",
     }
     code = "import sys, relloc_env; print(*sys.modules)"
