@@ -33,6 +33,27 @@ def demo(
         _stop(str(error))
 
 
+@app.command()
+def film(
+    out: Annotated[Path, typer.Option(help="The animation, .gif or .mp4.")] = Path("out/film.gif"),
+    motion: Annotated[str, typer.Option(help="Name of the motion.")] = "edge-near",
+    estimator: Annotated[str, typer.Option(help="Name of the estimator.")] = "map-alignment",
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the episode.")] = 4,
+    width: Annotated[int, typer.Option(min=320, help="Width of the picture [px].")] = 720,
+    faster: Annotated[float, typer.Option(min=0.1, help="Times as fast as the robots.")] = 3.0,
+) -> None:
+    """Draw one episode of the default task: two robots find each other."""
+    try:
+        from agents.film import film as draw
+    except ModuleNotFoundError as error:
+        _stop(f"The package `{error.name}` is missing: pip install -e '.[render,logs]'")
+    try:
+        draw(out, motion=motion, estimator=estimator, seed=seed, width=width, faster=faster)
+    except (ValueError, OSError) as error:
+        _stop(str(error))
+    typer.echo(f"Film: {out}")
+
+
 def _stop(message: str) -> NoReturn:
     """Print one line and end with exit code 2."""
     typer.echo(f"Error: {message}", err=True)
