@@ -1,0 +1,40 @@
+"""Configuration: frozen, checked where it is built, and plain data (dict, YAML, JSON) and back without loss.
+
+`load_config` is the one way in: from keyword arguments, a mapping, a file, or the name of a scenario.
+"""
+
+from relloc_env.config.loading import load_config, read_file, validate
+from relloc_env.config.models import (
+    CAMERAS,
+    REWARD_TERMS,
+    BoxConfig,
+    CameraConfig,
+    ConfigError,
+    DiscConfig,
+    EnvConfig,
+    GuessConfig,
+    NetworkConfig,
+    RobotConfig,
+    ShieldConfig,
+    StartConfig,
+    hint,
+)
+
+__all__ = [
+    "CAMERAS",
+    "REWARD_TERMS",
+    "BoxConfig",
+    "CameraConfig",
+    "ConfigError",
+    "DiscConfig",
+    "EnvConfig",
+    "GuessConfig",
+    "NetworkConfig",
+    "RobotConfig",
+    "ShieldConfig",
+    "StartConfig",
+    "hint",
+    "load_config",
+    "read_file",
+    "validate",
+]
