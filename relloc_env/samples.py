@@ -63,7 +63,8 @@ class Prior(NamedTuple):
     """What the robots are told at the start: guesses, not the truth."""
 
     depth: Float
-    """[m] (N, R, M) guess of the depth (along the optical axis) of a point at its first sight."""
+    """[m] (N, R, M) guess of the depth (along the optical axis) of a point, taken at its first sight. The simulator
+    makes it at the start of the episode."""
     pose: Float
     """[m, m, rad] (N, P, 3) guess of the observed robot's pose in the observer's frame."""
     depth_sd: float

@@ -372,3 +372,8 @@ def test_reading_a_file_gives_its_mapping(tmp_path: Path) -> None:
     config = load_config(tmp_path / "task.yml", targets=2)
     assert config.robot_of(0).max_speed == 0.1
     assert config.robot_of(0).max_yaw_rate == 0.5
+
+
+def test_a_margin_that_leaves_no_room_is_refused() -> None:
+    with pytest.raises(ConfigError, match=r"`start.margin` below half the arena .* but it is 20"):
+        load_config(start={"margin": 20.0})

@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Annotated
 
+import gymnasium as gym
 import typer
 from rich.console import Console
 
@@ -29,7 +30,11 @@ def run(
     except ModuleNotFoundError as error:
         console.print(f"[red]{error.name} is missing:[/red] pip install -e '.[train]'")
         raise typer.Exit(2) from None
-    result = train(name, steps, out, seed=seed, envs=envs, progress=console.is_terminal)
+    try:
+        result = train(name, steps, out, seed=seed, envs=envs, progress=console.is_terminal)
+    except (gym.error.Error, ImportError, OSError) as error:
+        console.print(f"[red]Error:[/red] {error}", highlight=False)
+        raise typer.Exit(2) from None
     for policy, values in result["information_at_the_end"].items():
         console.print(f"{policy:10s} J at the end: {sum(values) / len(values):.2f} nats")
     console.print(f"Policy and evaluation: {out}")

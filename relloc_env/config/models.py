@@ -335,6 +335,10 @@ class EnvConfig(Model):
                 raise ValueError(
                     f"must have `frame_rate` at most the sample rate {self.sample_rate}, but it is {camera.frame_rate}"
                 )
+        if self.arena is not None and 2.0 * self.start.margin >= min(self.arena):
+            raise ValueError(
+                f"must have `start.margin` below half the arena {self.arena}, but it is {self.start.margin}"
+            )
         if self.poses is not None:
             self.check_poses(self.poses)
         return self

@@ -119,7 +119,8 @@ class MapAlignmentConfig(EstimatorOptions):
     height_sd: NonNegativeFloat = 0.0
     """[m] standard deviation of the difference of two camera heights, estimated with the pose; 0: exact."""
     align_every: Annotated[int, Field(ge=1)] | Literal["update"] = 1
-    """[samples] between two alignments; `update`: one at the last sample of each update (of each action)."""
+    """[samples] between two alignments; `update`: one at the last sample of each update (of each action;
+    of each sample where messages may be late or lost)."""
     challenger_every: Annotated[int, Field(ge=1)] = 3
     """[alignments] between two challengers of the global search once the heading is known; one each before."""
     grid_period: PositiveFloat | None = 0.2
