@@ -131,7 +131,9 @@ def show(results: Mapping[str, Any], out: Path, console: Console) -> None:
         console.print(table)
         if rows and heads[0] == "motion":
             console.print(EXPLAINED + "\n", style="dim", highlight=False, markup=False, soft_wrap=True)
-    console.print(f"\nDone in {results['seconds']:.0f} s. Where to look: {out}/", markup=False, highlight=False)
+    console.print(
+        f"\nDone in {results['seconds']:.0f} s. Where to look: {out}/", markup=False, highlight=False, soft_wrap=True
+    )
     replays = {
         f"{part['folder']}/": "errors of the replay over time" for part in results["replays"] if "folder" in part
     }

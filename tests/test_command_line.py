@@ -161,7 +161,7 @@ class TestBadInput:
     def test_out_is_required(self, log):
         assert "--out" in fails("replay", log)
 
-    @pytest.mark.parametrize(("package", "extra"), [("pandas", "logs"), ("matplotlib", "render")])
+    @pytest.mark.parametrize(("package", "extra"), [("pygame", "render"), ("matplotlib", "logs")])
     def test_missing_package_names_the_extra(self, monkeypatch, log, tmp_path, package, extra):
         def replay(*args, **options):
             importlib.import_module(f"{package}.absent_part")

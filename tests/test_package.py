@@ -91,7 +91,7 @@ def test_wheel_ships_the_package_alone(tmp_path: Path) -> None:
 
 
 def test_make_help_lists_every_task() -> None:
-    run = subprocess.run(["make", "help"], cwd=ROOT, capture_output=True, text=True, check=True)
+    run = subprocess.run(["make", "--no-print-directory", "help"], cwd=ROOT, capture_output=True, text=True, check=True)
     tasks = re.findall(r"^\.PHONY: (.+)$", (ROOT / "Makefile").read_text("utf-8"), re.MULTILINE)[0].split()
     assert [line.split()[1] for line in run.stdout.splitlines()] == tasks
 
