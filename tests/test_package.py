@@ -1,6 +1,7 @@
 """The project around the code: what it imports, declares, pins, ships and documents."""
 
 import ast
+import os
 import re
 import subprocess
 import sys
@@ -90,10 +91,17 @@ def test_wheel_ships_the_package_alone(tmp_path: Path) -> None:
     assert sources <= set(names)
 
 
+def make(*arguments: str) -> str:
+    """Return what `make` prints, unaffected by a `make` that these tests may run under."""
+    environment = {name: value for name, value in os.environ.items() if not name.startswith(("MAKE", "MFLAGS"))}
+    run = subprocess.run(["make", *arguments], cwd=ROOT, env=environment, capture_output=True, text=True, check=True)
+    return run.stdout
+
+
 def test_make_help_lists_every_task() -> None:
     run = subprocess.run(["make", "--no-print-directory", "help"], cwd=ROOT, capture_output=True, text=True, check=True)
     tasks = re.findall(r"^\.PHONY: (.+)$", (ROOT / "Makefile").read_text("utf-8"), re.MULTILINE)[0].split()
-    assert [line.split()[1] for line in run.stdout.splitlines()] == tasks
+    assert [line.split()[1] for line in make("help").splitlines()] == tasks
 
 
 def test_make_does_nothing_again_once_set_up() -> None:
@@ -101,5 +109,4 @@ def test_make_does_nothing_again_once_set_up() -> None:
     inputs = [ROOT / "pyproject.toml", ROOT / "constraints.txt"]
     if not stamp.exists() or any(p.stat().st_mtime > stamp.stat().st_mtime for p in inputs):
         pytest.skip("the present set-up was not made by `make`, or is out of date")
-    run = subprocess.run(["make", "--dry-run", "setup", "lint"], cwd=ROOT, capture_output=True, text=True, check=True)
-    assert "pip" not in run.stdout
+    assert "pip" not in make("--dry-run", "setup", "lint")
