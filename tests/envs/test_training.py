@@ -13,7 +13,7 @@ def test_ppo_runs_out_of_the_box(name: str) -> None:
     import torch
 
     torch.set_num_threads(1)
-    env = gym.make(name)
+    env = gym.make(f"relloc_env:{name}")
     model = stable_baselines3.PPO("MlpPolicy", env, n_steps=1000, batch_size=500, n_epochs=4, seed=1, device="cpu")
     before = [parameter.detach().clone() for parameter in model.policy.parameters()]
     model.learn(10_000)
