@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from relloc_env.estimators.checks import check_array, check_prior, check_samples
 from relloc_env.estimators.config import CascadeConfig
 from relloc_env.kernels import anchors, depth_state, relative_pose
 from relloc_env.kernels import cascade as kernels
@@ -96,10 +97,7 @@ class Cascade:
 
     def reset(self, prior: Prior, rows: Rows) -> None:
         """Forget everything about the environments `rows`, gains apart, and start from `prior`."""
-        n, robots, points = self._arrays["guess"].shape
-        _check("prior.depth", prior.depth, np.float64, (n, robots, points))
-        _check("prior.pose", prior.pose, np.float64, (n, len(self._pairs), 3))
-        _check("prior.pose_sd", prior.pose_sd, np.float64, (3,))
+        check_prior(prior, *self._arrays["guess"].shape)
         status = kernels.reset(
             prior.depth, prior.pose, float(prior.depth_sd), prior.pose_sd, self._sizes, *self._state, rows
         )
@@ -110,7 +108,8 @@ class Cascade:
     def update(self, samples: Samples, rows: Rows) -> None:
         """Take the K samples in, in order."""
         if samples is not self._checked:
-            self._check_samples(samples)
+            check_samples(samples, *self._arrays["guess"].shape)
+            self._checked = samples
         status = kernels.update(
             *samples, self._pairs, self._options, self._use_unseen, self._sizes, *self._state, *self._estimate, rows
         )
@@ -126,7 +125,7 @@ class Cascade:
         if state.keys() != self._arrays.keys():
             raise ValueError(f"Argument `state` must have the keys {sorted(self._arrays)}, but has {sorted(state)}.")
         for name, array in self._arrays.items():
-            _check(f"state[{name!r}]", state[name], array.dtype, (len(rows), *array.shape[1:]))
+            check_array(f"state[{name!r}]", state[name], array.dtype, (len(rows), *array.shape[1:]))
         for name, array in self._arrays.items():
             array[rows] = state[name]
         self._show(rows)
@@ -146,16 +145,6 @@ class Cascade:
             state.received,
             rows,
         )
-
-    def _check_samples(self, samples: Samples) -> None:
-        n, robots, points = self._arrays["guess"].shape
-        k = samples.period.shape[-1]
-        _check("samples.period", samples.period, np.float64, (n, k))
-        _check("samples.odometry", samples.odometry, np.float32, (n, k, robots, 3))
-        _check("samples.image", samples.image, np.float32, (n, k, robots, points, 2))
-        _check("samples.seen", samples.seen, np.bool_, (n, k, robots, points))
-        _check("samples.arrived", samples.arrived, np.uint64, (n, k, len(self._pairs)))
-        self._checked = samples
 
     def _raise(self, status: int) -> None:
         if status == kernels.ROW_OUT_OF_RANGE:
@@ -199,12 +188,3 @@ def _each(name: str, gain: float | tuple[float, ...], robots: int) -> tuple[floa
     if len(gain) != robots:
         raise ValueError(f"Argument `{name}` must be one value, or one for each of {robots} robots, but is {gain!r}.")
     return gain
-
-
-def _check(name: str, array: NDArray[Any], dtype: Any, shape: tuple[int, ...]) -> None:
-    """Raise where an array is not what compiled code expects."""
-    if array.dtype != dtype or array.shape != shape or not array.flags.c_contiguous:
-        raise ValueError(
-            f"Argument `{name}` must be a C-contiguous array of {np.dtype(dtype)} with shape {shape}, "
-            f"but is {array.dtype} with shape {array.shape}."
-        )

@@ -44,4 +44,4 @@ def check_rows(rows: Rows, num_envs: int) -> None:
     if rows.dtype != np.int64 or rows.ndim != 1:
         raise ValueError(f"Argument `rows` must be a vector of int64, but is {rows.dtype} with shape {rows.shape}.")
     if len(rows) and not (rows.min() >= 0 and rows.max() < num_envs):
-        raise IndexError(f"Argument `rows` must lie in [0, {num_envs}), but does not.")
+        raise IndexError(f"Argument `rows` must lie in [0, {num_envs}), but is {rows.tolist()}.")

@@ -5,11 +5,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from relloc_env.logs.source import Log, Truth
+from relloc_env.metrics import chi2_quantile, convergence_time, nees_band
 from relloc_env.samples import Bool, Float
 
-NEES_BAND = (0.2158, 9.3484)
+NEES_BAND = nees_band(3)
 """Interval that holds 95 % of a consistent filter's NEES of a pose: quantiles of chi squared with 3 degrees."""
-NEES_MEDIAN = 2.366
+NEES_MEDIAN = chi2_quantile(0.5, 3)
 """Median of chi squared with 3 degrees of freedom."""
 SETTLED = 0.1
 """Part of the first depth error below which a track counts as converged."""
@@ -67,7 +68,8 @@ def score_tracks(log: Log, errors: DepthErrors) -> list[dict[str, Any]]:
             if at.size < 2:
                 continue
             error = errors.error[at, r, m]
-            size = np.abs(error)
+            goal = max(SETTLED * abs(float(error[0])), 1e-9)
+            settled = float(convergence_time(time[at] - time[at[0]], error, goal))
             sensed = errors.against_sensor[at, r, m]
             tracks.append(
                 {
@@ -78,22 +80,12 @@ def score_tracks(log: Log, errors: DepthErrors) -> list[dict[str, Any]]:
                     "sights": int(at.size),
                     "initial_error_m": float(error[0]),
                     "final_error_m": float(error[-1]),
-                    "time_to_10_percent_s": time_to_settle(time[at] - time[at[0]], size, SETTLED * size[0]),
+                    "time_to_10_percent_s": settled if np.isfinite(settled) else None,
                     "final_error_against_sensor_m": float(sensed[-1]) if np.isfinite(sensed[-1]) else None,
                     "final_sd_m": float(errors.sd[at[-1], r, m]),
                 }
             )
     return sorted(tracks, key=lambda track: (track["from_s"], track["robot"], track["point"]))
-
-
-def time_to_settle(time: Float, size: Float, bound: float) -> float | None:
-    """First time from which `size` stays below `bound` to the end; None where it never does."""
-    above = np.flatnonzero(size >= bound)
-    if above.size == 0:
-        return float(time[0])
-    if above[-1] + 1 == len(size):
-        return None
-    return float(time[above[-1] + 1])
 
 
 def summarise_tracks(tracks: list[dict[str, Any]]) -> dict[str, Any]:

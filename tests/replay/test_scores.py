@@ -66,15 +66,6 @@ def test_nothing_is_scored_out_of_sight_or_unknown(make_log: MakeLog) -> None:
     assert missing.sum() == 2
 
 
-@pytest.mark.parametrize(
-    ("size", "expected"),
-    [([1.0, 0.5, 0.05, 0.2, 0.05, 0.01], 4.0), ([0.05, 0.01], 0.0), ([1.0, 0.05, 0.5], None), ([1.0, 0.1, 0.09], 2.0)],
-)
-def test_time_to_settle_by_hand(size: list[float], expected: float | None) -> None:
-    values = np.array(size)
-    assert scores.time_to_settle(np.arange(len(values), dtype=float), values, 0.1) == expected
-
-
 def test_tracks_by_hand(make_log: MakeLog) -> None:
     log = make_log(4.0)
     trace = exact_trace(log)
