@@ -157,7 +157,7 @@ def test_what_is_drawn_around_what_is_fixed_meets_the_conditions() -> None:
     [
         {"arena": (2.0, 2.0)},
         {"start": {"target_distance": (50.0, 60.0)}},
-        {"start": {"margin": 6.0}},
+        {"start": {"margin": 4.5}},
         {"targets": 8, "start": {"target_separation": (3.9, 4.0)}},
         {"camera": {"far": 0.5}},
         {"poses": [(4.0, 0.0, 0.0), (4.0, 1.5, 0.0)]},
