@@ -42,7 +42,7 @@ def film(
     width: Annotated[int, typer.Option(min=320, help="Width of the picture [px].")] = 720,
     faster: Annotated[float, typer.Option(min=0.1, help="Times as fast as the robots.")] = 3.0,
 ) -> None:
-    """Draw one episode of the default task: two robots find each other."""
+    """Draw one episode of the default task, with the estimator of your choice: two robots find each other."""
     try:
         from agents.film import film as draw
     except ModuleNotFoundError as error:

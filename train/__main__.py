@@ -28,7 +28,7 @@ def run(
     try:
         from train.ppo import train
     except ModuleNotFoundError as error:
-        console.print(f"[red]{error.name} is missing:[/red] pip install -e '.[train]'")
+        console.print(f"[red]{error.name} is missing:[/red] pip install -e '.\\[train]'")
         raise typer.Exit(2) from None
     try:
         result = train(name, steps, out, seed=seed, envs=envs, progress=console.is_terminal)
