@@ -15,7 +15,16 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 def kernel(function: F) -> F:
     """Compile `function` with the project's options (typed as the function itself)."""
-    options: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": False}
+    return _compile(function)
+
+
+def inlined(function: F) -> F:
+    """The same, and compiled into each kernel that calls it: for small functions in the innermost loops."""
+    return _compile(function, forceinline=True)
+
+
+def _compile(function: F, **extra: bool) -> F:
+    options: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": False, **extra}
     try:
         compiled: F = numba.njit(cache=True, **options)(function)
     except RuntimeError:  # no writable place for numba's cache: compile anew in this process
