@@ -1,0 +1,1 @@
+"""Speed of the environments beside that of others, measured in one run: `python -m benchmarks speed`."""

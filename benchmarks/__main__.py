@@ -1,0 +1,63 @@
+"""`python -m benchmarks`: speed beside other environments, from the command line."""
+
+import json
+from pathlib import Path
+from typing import Annotated, NoReturn
+
+import typer
+from rich.console import Console
+
+app = typer.Typer(add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False, help=__doc__)
+
+
+@app.callback()
+def _benchmarks() -> None:
+    """How fast the environments are, and where the time goes."""
+
+
+@app.command()
+def speed(
+    out: Annotated[Path, typer.Option(help="Folder for results.json and speed.png.")] = Path("out/speed"),
+    rounds: Annotated[int, typer.Option(min=1, help="Times that each contender is measured.")] = 12,
+    seconds: Annotated[float, typer.Option(min=0.0, help="How long each time [s].")] = 1.0,
+    cores: Annotated[int, typer.Option(min=1, help="Cores that a contender may use.")] = 2,
+    only: Annotated[list[str] | None, typer.Option(help="Name of a contender; may be given again.")] = None,
+    quick: Annotated[bool, typer.Option(help="Seconds instead of minutes: too short to compare.")] = False,
+) -> None:
+    """Steps per second beside other environments, memory, start-up and the share in training, in one run."""
+    from benchmarks.report import progress, run
+    from benchmarks.targets import speed_table, target_table
+
+    try:
+        with progress() as tell:
+            results = run(out, names=only, rounds=rounds, seconds=seconds, cores=cores, quick=quick, tell=tell)
+    except (ValueError, OSError) as error:
+        _stop(str(error))
+    console = Console()
+    console.print(speed_table(results), target_table(results))
+    console.print(f"Results: {out / 'results.json'}, {out / 'speed.png'}")
+
+
+@app.command()
+def profile(
+    out: Annotated[Path, typer.Option(help="Folder for profile.json.")] = Path("out/speed"),
+    num_envs: Annotated[int, typer.Option(min=1, help="Environments in the batch.")] = 4096,
+    seconds: Annotated[float, typer.Option(min=0.0, help="How long each stage is measured [s].")] = 5.0,
+) -> None:
+    """How the time of a step divides among its stages."""
+    from benchmarks.profile import stages, table
+
+    found = stages(num_envs, seconds)
+    out.mkdir(parents=True, exist_ok=True)
+    (out / "profile.json").write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+    Console().print(table(found))
+
+
+def _stop(message: str) -> NoReturn:
+    """Print one line and end with exit code 2."""
+    typer.echo(f"Error: {message}", err=True)
+    raise typer.Exit(2)
+
+
+if __name__ == "__main__":
+    app()

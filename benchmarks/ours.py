@@ -1,0 +1,167 @@
+"""This project's environments as contenders, driven with smooth random actions made in advance.
+
+"Everything on": two robots with noisy odometry and cameras that see two points or lose them, contacts, a network with
+delay and loss, the paper's cascade, the excitation reward, observations, autoreset; one sample per action.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from numpy.typing import NDArray
+
+import relloc_env  # registers the ids
+from benchmarks.peers import AGENTS, HORIZON, Drive, block
+
+ID = "relloc_env/RelativePose-v0"
+EVERYTHING: dict[str, Any] = {
+    "estimator": "cascade",
+    "reward": {"excitation": 1.0},
+    "samples_per_action": 1,
+    "max_cycles": HORIZON,
+    "network": {"latency": 0.1, "loss": 0.1},
+    "shield": None,  # or else nothing would ever touch
+    "arena": (12.0, 12.0),
+    "start": {"margin": 1.5},
+}
+"""With an arena in which about 1 % of the steps are in contact."""
+CROWDED: dict[str, Any] = {**EVERYTHING, "arena": (6.5, 6.5), "start": {"margin": 0.5}}
+"""The same where about 10 % are."""
+DEFAULT: dict[str, Any] = {"estimator": "cascade"}
+"""The ids' default task: the information reward from the bound, an action held for five samples."""
+
+STEADY = 20.0
+"""Steps over which actions stay alike."""
+
+
+def smooth_actions(num_envs: int, seed: int = 0) -> NDArray[np.float32]:
+    """Actions (T, N, 2 x AGENTS): a first-order autoregression, slightly forward, clipped to [-1, 1].
+
+    They are played forward, then backward, and so on: the process looks the same both ways, so that this stays smooth.
+    """
+    length = int(np.clip(2**18 // num_envs, 64, 1024))
+    make = np.random.default_rng(seed)
+    actions = make.standard_normal((length, num_envs, 2 * AGENTS), np.float32)
+    keep = np.float32(np.exp(-1.0 / STEADY))
+    for t in range(1, length):
+        actions[t] = keep * actions[t - 1] + np.sqrt(1.0 - keep * keep) * actions[t]
+    actions *= 0.5
+    actions[..., ::2] += 0.3
+    return np.clip(actions, -1.0, 1.0)
+
+
+class _Player:
+    """Actions for ever."""
+
+    def __init__(self, num_envs: int) -> None:
+        self._bank = smooth_actions(num_envs)
+        self._at, self._way = 0, 1
+
+    def next(self) -> NDArray[np.float32]:
+        """Actions (N, 2 x AGENTS) of the next step."""
+        now = self._bank[self._at]
+        if not 0 <= self._at + self._way < len(self._bank):
+            self._way = -self._way
+        self._at += self._way
+        return now
+
+
+class Batch:
+    """The native vector environment, its episodes spread over the horizon as in a long run."""
+
+    def __init__(self, options: Mapping[str, Any], num_envs: int) -> None:
+        self.envs: Any = gym.make_vec(ID, num_envs, **options)
+        self._player, self._block = _Player(num_envs), block(num_envs)
+        self.envs.reset(seed=0)
+        core = self.envs.unwrapped.core
+        core.elapsed[:] = np.random.default_rng(0).integers(0, core.config.max_cycles, num_envs)
+        for _ in range(core.config.max_cycles):
+            self.envs.step(self._player.next())
+
+    def __call__(self) -> int:
+        """Step `block` times."""
+        for _ in range(self._block):
+            self.envs.step(self._player.next())
+        return self._block
+
+    def contact_share(self) -> float:
+        """Share of environment steps in which a robot touches something, over one horizon."""
+        core, share = self.envs.unwrapped.core, 0.0
+        for _ in range(core.config.max_cycles):
+            self.envs.step(self._player.next())
+            share += float(core.simulation.world.collided.any(axis=1).mean())
+        return share / core.config.max_cycles
+
+
+def everything(num_envs: int) -> Drive:
+    """Everything on, about 1 % of the steps in contact."""
+    return Batch(EVERYTHING, num_envs)
+
+
+def crowded(num_envs: int) -> Drive:
+    """Everything on, about 10 % of the steps in contact."""
+    return Batch(CROWDED, num_envs)
+
+
+def critical(num_envs: int) -> Drive:
+    """Everything on, the cascade with critically damped gains."""
+    return Batch({**EVERYTHING, "estimator": "cascade-critical"}, num_envs)
+
+
+def alignment(num_envs: int) -> Drive:
+    """Everything on, the alignment of local maps."""
+    return Batch({**EVERYTHING, "estimator": "map-alignment"}, num_envs)
+
+
+def default(num_envs: int) -> Drive:
+    """The default task; a step is an action, five samples."""
+    return Batch(DEFAULT, num_envs)
+
+
+def gymnasium_door(num_envs: int) -> Drive:
+    """Everything on, through `gym.make`: one environment."""
+    assert num_envs == 1
+    env, player = gym.make(ID, **EVERYTHING), _Player(1)
+    env.reset(seed=0)
+
+    def drive() -> int:
+        for _ in range(block(1)):
+            _, _, terminated, truncated, _ = env.step(player.next()[0])
+            if terminated or truncated:
+                env.reset()
+        return block(1)
+
+    return drive
+
+
+def parallel_door(num_envs: int) -> Drive:
+    """Everything on, through PettingZoo's parallel interface: one environment."""
+    assert num_envs == 1
+    env, player = relloc_env.parallel_env(None, **EVERYTHING), _Player(1)
+    env.reset(seed=0)
+
+    def drive() -> int:
+        for _ in range(block(1)):
+            a, b = player.next().reshape(AGENTS, 2)
+            env.step({"robot_a": a, "robot_b": b})
+            if not env.agents:
+                env.reset()
+        return block(1)
+
+    return drive
+
+
+def stable_baselines(num_envs: int) -> Drive:
+    """Everything on, through Stable-Baselines3's interface."""
+    from relloc_env.envs.sb3 import RellocVecEnv
+
+    envs, player = RellocVecEnv(num_envs, **EVERYTHING), _Player(num_envs)
+    envs.reset()
+
+    def drive() -> int:
+        for _ in range(block(num_envs)):
+            envs.step(player.next())
+        return block(num_envs)
+
+    return drive
