@@ -2,21 +2,31 @@
 
 An environment whose robots would touch something in a sample is loaded into a space, stepped through the sample with
 the velocities that its free motion has, and read back. Robots are discs that the wheels set in motion at those
-velocities; walls and obstacles stand still. Robots are added anew each time (which empties the cache of contacts), so
-that a step depends on the environment alone and nothing of an earlier one is left.
+velocities; walls and obstacles stand still.
+
+A space remembers contacts, pairs that were near, and the order in which things moved. So that a sample depends on the
+environment alone, the robots wait far off between environments: one step there empties all of that, and wherever they
+go next they enter the space in the same order.
+
+A contact takes some ten calls of Chipmunk of about a microsecond each. Python would take longer to make them than they
+last, so that they are made from a compiled loop, which knows Chipmunk's functions by their addresses.
 """
 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+import llvmlite.binding as llvm
+import numpy as np
 import pymunk
+from numba import types
+from pymunk._chipmunk_cffi import ffi, lib
 
-from relloc_env.kernels.world import DISC
+from relloc_env.kernels._compile import kernel
+from relloc_env.kernels.motion import wrap_angle
 
 if TYPE_CHECKING:
-    import numpy as np
     from numpy.typing import NDArray
 
     from relloc_env.config import EnvConfig
@@ -27,22 +37,107 @@ WALL = 1.0
 SUBSTEPS = 8
 """Steps of the space in a sample. Chipmunk moves first and solves after: a robot enters a wall by a step at most."""
 FRICTION = 0.3
+FAR = 1e9
+"""[m] where the robots wait between environments."""
 _CORNERS = ((-1, -1), (1, -1), (1, 1), (-1, 1))
 
 
+def _address(name: str) -> int:
+    """Address of one of Chipmunk's functions."""
+    return int(ffi.cast("uintptr_t", ffi.addressof(lib, name)))
+
+
+def _function(name: str, signature: Any) -> Any:
+    """One of Chipmunk's functions, to be called from a kernel."""
+    llvm.add_symbol(f"relloc_env_{name}", _address(name))
+    return types.ExternalFunction(f"relloc_env_{name}", signature)
+
+
+_step = _function("cpSpaceStep", types.void(types.intp, types.float64))
+_each_body = _function("cpSpaceEachBody", types.void(types.intp, types.intp, types.intp))
+
+
+@kernel
+def _solve(
+    space: int,
+    put: int,
+    take: int,
+    batch: int,
+    cursor: NDArray[np.int32],
+    bodies: NDArray[np.float64],
+    far: NDArray[np.float64],
+    pose: NDArray[np.float64],
+    pending: NDArray[np.float64],
+    rows: NDArray[np.int64],
+    dt: float,
+) -> None:
+    """Solve the contacts of the environments `rows`, one after the other.
+
+    Args:
+        space, put, take, batch: addresses of the space, of what writes and reads a body, and of their argument.
+        cursor: how much of `bodies` they have gone through.
+        bodies: (R + 1, 6) position, angle, velocity, rate of the robots, and of the body that walls belong to.
+        far: (R + 1, 6) the same, where the robots wait.
+        pose, pending: [m, m, rad] (N, R, 3) where the robots are, and where free motion leads.
+        rows: indices of the environments.
+        dt: [s] duration of the sample.
+    """
+    robots = pose.shape[1]
+    before = np.empty((robots, 3))
+    for n in rows:
+        for r in range(robots):
+            before[r, 0] = (pending[n, r, 0] - pose[n, r, 0]) / dt
+            before[r, 1] = (pending[n, r, 1] - pose[n, r, 1]) / dt
+            before[r, 2] = wrap_angle(pending[n, r, 2] - pose[n, r, 2]) / dt
+            bodies[r, :3] = pose[n, r]
+            bodies[r, 3:] = before[r]
+        cursor[0] = 0
+        _each_body(space, put, batch)
+        for _ in range(SUBSTEPS):
+            _step(space, dt / SUBSTEPS)
+        cursor[0] = 0
+        _each_body(space, take, batch)
+        for r in range(robots):
+            if bodies[r, 3] != before[r, 0] or bodies[r, 4] != before[r, 1] or bodies[r, 5] != before[r, 2]:
+                pending[n, r, 0] = bodies[r, 0]
+                pending[n, r, 1] = bodies[r, 1]
+                pending[n, r, 2] = wrap_angle(bodies[r, 2])
+        bodies[:] = far
+        cursor[0] = 0
+        _each_body(space, put, batch)
+        _step(space, dt / SUBSTEPS)
+
+
 class ContactSolver:
-    """A pymunk space for one configuration, into which environments are loaded one at a time."""
+    """A pymunk space for one configuration, into which environments are loaded one at a time; for one thread."""
 
     def __init__(self, config: EnvConfig) -> None:
         self._dt = config.sample_period
-        self._robots = [(robot.mass, robot.radius) for robot in map(config.robot_of, range(config.robots))]
         self._space = pymunk.Space()
         self._space.collision_slop = 1e-4
         self._space.collision_bias = 1e-40  # of an overlap, 44 % is undone in each substep of a 20 Hz sample
-        self._obstacles: list[pymunk.Shape] = []
-        self._loaded = b""
+        self._space.collision_persistence = 1  # the step far off forgets all contacts
         if config.arena is not None:
             self._add_walls(0.5 * config.arena[0], 0.5 * config.arena[1])
+        for obstacle in config.obstacles:
+            if obstacle.shape == "disc":
+                self._add(pymunk.Circle(self._space.static_body, obstacle.radius, obstacle.position))
+            else:
+                length, width = obstacle.size
+                self._add(self._box(*obstacle.position, 0.5 * length, 0.5 * width, obstacle.angle))
+        self._far = np.zeros((config.robots + 1, 6))
+        for r in range(config.robots):
+            robot = config.robot_of(r)
+            body = pymunk.Body(robot.mass, pymunk.moment_for_circle(robot.mass, 0.0, robot.radius))
+            body.position = (FAR * (r + 1), FAR)
+            self._far[r, :2] = body.position
+            self._space.add(body)
+            self._add(pymunk.Circle(body, robot.radius))
+        self._open_batch()
+
+    def _add(self, shape: pymunk.Shape) -> None:
+        shape.friction = FRICTION
+        self._space.add(shape)
 
     def _add_walls(self, half_x: float, half_y: float) -> None:
         for x, y, a, b in (
@@ -51,57 +146,39 @@ class ContactSolver:
             (0.0, half_y + 0.5 * WALL, half_x + WALL, 0.5 * WALL),
             (0.0, -half_y - 0.5 * WALL, half_x + WALL, 0.5 * WALL),
         ):
-            self._space.add(self._box(x, y, a, b, 0.0))
+            self._add(self._box(x, y, a, b, 0.0))
 
     def _box(self, x: float, y: float, a: float, b: float, angle: float) -> pymunk.Shape:
         cos, sin = math.cos(angle), math.sin(angle)
         corners = [(x + i * a * cos - j * b * sin, y + i * a * sin + j * b * cos) for i, j in _CORNERS]
-        shape = pymunk.Poly(self._space.static_body, corners)
-        shape.friction = FRICTION
-        return shape
+        return pymunk.Poly(self._space.static_body, corners)
 
-    def _load_obstacles(self, rows: NDArray[np.float64]) -> None:
-        """Put an environment's obstacles into the space, unless they are there."""
-        key = rows.tobytes()
-        if key == self._loaded:
-            return
-        self._space.remove(*self._obstacles)
-        self._obstacles = []
-        for kind, x, y, a, b, angle, _ in rows.tolist():
-            if kind == DISC:
-                shape: pymunk.Shape = pymunk.Circle(self._space.static_body, a, (x, y))
-                shape.friction = FRICTION
-            else:
-                shape = self._box(x, y, a, b, angle)
-            self._obstacles.append(shape)
-        self._space.add(*self._obstacles)
-        self._loaded = key
+    def _open_batch(self) -> None:
+        """Set up what pymunk's batch functions write bodies from and read them into."""
+        self._bodies = self._far.copy()
+        self._floats = ffi.new("pmFloatArray *")
+        self._floats.arr = ffi.cast("cpFloat *", self._bodies.ctypes.data)
+        self._floats.max = self._bodies.size + 2  # never reached, so that pymunk never moves the array
+        self._batch = ffi.new("pmBatchedData *")
+        self._batch.floatArray = self._floats
+        self._batch.fields = lib.POSITION | lib.ANGLE | lib.VELOCITY | lib.ANGULAR_VELOCITY
+        self._arguments = (
+            int(ffi.cast("uintptr_t", self._space._space)),  # noqa: SLF001 (pymunk's batch functions use it likewise)
+            _address("pmSpaceBodySetIteratorFuncBatched"),
+            _address("pmSpaceBodyGetIteratorFuncBatched"),
+            int(ffi.cast("uintptr_t", self._batch)),
+            np.frombuffer(ffi.buffer(self._floats), np.int32, 1),
+            self._bodies,
+            self._far,
+        )
 
     def solve(self, world: World, n: int) -> None:
-        """Replace the pending poses of environment n by those that contacts allow.
+        """The same for one environment."""
+        self.solve_many(world, np.array([n]))
+
+    def solve_many(self, world: World, rows: NDArray[np.int64]) -> None:
+        """Replace the pending poses of the environments `rows` by those that contacts allow.
 
         A robot that touches nothing keeps its pending pose to the last bit.
         """
-        space, dt = self._space, self._dt
-        self._load_obstacles(world.obstacles[n])
-        bodies: list[pymunk.Body] = []
-        for r, (mass, radius) in enumerate(self._robots):
-            x, y, theta = world.pose[n, r].tolist()
-            end_x, end_y, end_theta = world.pending[n, r].tolist()
-            body = pymunk.Body(mass, pymunk.moment_for_circle(mass, 0.0, radius))
-            body.position = (x, y)
-            body.angle = theta
-            body.velocity = ((end_x - x) / dt, (end_y - y) / dt)
-            body.angular_velocity = math.remainder(end_theta - theta, 2.0 * math.pi) / dt
-            shape = pymunk.Circle(body, radius)
-            shape.friction = FRICTION
-            space.add(body, shape)
-            bodies.append(body)
-        before = [(body.velocity, body.angular_velocity) for body in bodies]
-        for _ in range(SUBSTEPS):
-            space.step(dt / SUBSTEPS)
-        for r, body in enumerate(bodies):
-            if (body.velocity, body.angular_velocity) != before[r]:
-                theta = math.remainder(body.angle, 2.0 * math.pi)
-                world.pending[n, r] = (body.position.x, body.position.y, theta)
-            space.remove(body, *body.shapes)
+        _solve(*self._arguments, world.pose, world.pending, rows, self._dt)
