@@ -11,7 +11,7 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check -qq
 TORCH_INDEX ?= https://download.pytorch.org/whl/cpu
 export PYTHONUNBUFFERED := 1
 
-.PHONY: help setup demo test lint format types imports pytest build clean
+.PHONY: help setup demo test lint format types imports pytest bench build clean
 
 help: ## list the tasks
 	@awk -F ':.*## ' '/^[a-z]+:.*## /{printf "  make %-8s %s\n", $$1, $$2}' Makefile
@@ -40,6 +40,10 @@ imports: .venv/.dev ## who may import whom: import-linter
 pytest: .venv/.dev ## the tests alone; ARGS="tests/kernels -x" chooses
 	@$(BIN)/python -m pytest -n $(JOBS) --dist loadfile $(ARGS)
 
+bench: .venv/.peers ## speed beside other environments (half an hour, on an idle machine); report in out/speed
+	@$(BIN)/python -m benchmarks speed --out out/speed
+	@$(BIN)/python -m benchmarks profile --out out/speed
+
 build: .venv/.dev ## wheel and source archive in dist/
 	@$(BIN)/hatchling build
 
@@ -63,3 +67,8 @@ clean: ## remove what the tasks made, .venv included
 	@$(PIP) install -c constraints.txt --no-deps --retries 1 --extra-index-url $(TORCH_INDEX) torch
 	@$(PIP) install -c constraints.txt -e '.[dev]'
 	@touch .venv/.demo $@
+
+.venv/.peers: .venv/.dev
+	@echo "Setting up .venv with the environments to compare with (once; a minute or two)"
+	@$(PIP) install -c constraints.txt -e '.[peers]'
+	@touch $@
