@@ -24,7 +24,12 @@ def _register() -> None:
     """Enter the ids into the registries that are loaded; doing it again does nothing."""
     for name, robots in _ROBOTS.items():
         if name not in _gymnasium.registry:
-            _gymnasium.register(id=name, entry_point="relloc_env.envs.centralised:RellocEnv", kwargs={"robots": robots})
+            _gymnasium.register(
+                id=name,
+                entry_point="relloc_env.envs.centralised:RellocEnv",
+                vector_entry_point="relloc_env.envs.vector:RellocVectorEnv",
+                kwargs={"robots": robots},
+            )
         pettingzoo = sys.modules.get("pettingzoo")
         if pettingzoo is not None and hasattr(pettingzoo, "parallel_registry"):  # from 1.27
             for kind, door in (("aec", "env"), ("parallel", "parallel_env")):

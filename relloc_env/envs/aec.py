@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from pettingzoo import AECEnv
 from pettingzoo.utils.conversions import parallel_to_aec
 from pettingzoo.utils.wrappers import BaseWrapper, OrderEnforcingWrapper
@@ -20,7 +21,7 @@ class CheckedActions(BaseWrapper[str, Any, Any]):
         """Hand on an action (2,), or None for a robot whose episode is over."""
         agent = self.agent_selection
         if not (self.terminations[agent] or self.truncations[agent]):
-            check_actions("action", action, (2,))
+            check_actions("action", action, np.empty(2))
         elif action is not None:
             raise ValueError(f"Argument `action` must be None, as the episode of {agent} is over, but is {action!r}")
         super().step(action)

@@ -22,7 +22,7 @@ from relloc_env.envs.door import (
     state_space,
 )
 from relloc_env.envs.picture import Picture
-from relloc_env.envs.spaces import joint_observation, joint_slices, joint_space
+from relloc_env.envs.spaces import joint_form, joint_slices, joint_space
 from relloc_env.samples import Float32
 from relloc_env.simulation import check_seed
 
@@ -75,7 +75,8 @@ class RellocEnv(gym.Env[Any, Any]):
         self.metadata = {**self.metadata, "render_fps": frames_per_second(self.core)}
         self.observation_space = joint_space(self.core.config)
         self.action_space = spaces.Box(-1.0, 1.0, (2 * self.core.config.robots,), np.float32)
-        self._shape = (2 * self.core.config.robots,)
+        self._form = joint_form(self.core.config)
+        self._action = np.zeros(2 * self.core.config.robots)
         self._running = False
         self._spec: EnvSpec | None = None
 
@@ -124,10 +125,8 @@ class RellocEnv(gym.Env[Any, Any]):
         self._running = False
         self.core.reset(_ROW, None if seed is None else [check_seed(seed)], check_options(options))
         self._running = True
-        info = self.core.information(0)
-        info["prior"] = self.core.prior(0)
         self._picture.follow(new=True)
-        return joint_observation(self.core, 0), info
+        return self._form(self.core.observation[0].copy()), self.core.information.one(0, new=True)
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Hold an action [-] (2 R,) for `samples_per_action` samples.
@@ -139,12 +138,13 @@ class RellocEnv(gym.Env[Any, Any]):
         if not self._running:
             raise ResetNeeded("Call `reset` before `step`: no episode is running")
         core = self.core
-        values = check_actions("action", action, self._shape)
-        core.step(values.reshape(1, -1, 2), _ROW)
-        terminated, truncated = core.terminated(0), core.truncated(0)
+        check_actions("action", action, self._action)
+        core.step(self._action.reshape(1, -1, 2), _ROW)
+        terminated, truncated = core.terminated.item(0), core.truncated.item(0)
         self._running = not (terminated or truncated)
         self._picture.follow()
-        return joint_observation(core, 0), float(core.reward[0].mean()), terminated, truncated, core.information(0)
+        observation = self._form(core.observation[0].copy())
+        return observation, core.joint_reward.item(0), terminated, truncated, core.information.one(0)
 
     def get_state(self) -> dict[str, Any]:
         """Everything the environment remembers, to be put back with `set_state`."""
@@ -156,7 +156,7 @@ class RellocEnv(gym.Env[Any, Any]):
         Raises:
             ValueError: what no environment of this configuration gave.
         """
-        check_state("state", state, self.get_state())
+        check_state("state", state, {"core": self.core.get_state(_ROW[:0]), "running": None}, 1)
         self.core.set_state(state["core"], _ROW)
         self._running = state["running"]
         self._picture.follow(new=True)

@@ -1,6 +1,8 @@
 """What the doors share: how a core is built from what the user gave, and how arguments are checked."""
 
-from collections.abc import Mapping
+import math
+import numbers
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +14,7 @@ from relloc_env.config import ConfigError, EnvConfig, load_config
 from relloc_env.envs.core import Core
 from relloc_env.estimators.protocol import Estimator
 from relloc_env.samples import Float
-from relloc_env.simulation import OPTIONS
+from relloc_env.simulation import OPTIONS, check_seed
 
 STATE_BOUND = 1000.0
 """Bound of every entry of `state()` [m, rad, -]."""
@@ -25,6 +27,8 @@ def open_core(
     options: Mapping[str, Any],
 ) -> Core:
     """Build the core of a door; `estimator` "default" leaves the choice to the configuration."""
+    if isinstance(num_envs, bool) or not isinstance(num_envs, numbers.Integral) or num_envs < 1:
+        raise ConfigError(f"Argument `num_envs` must be a positive integer, but is {num_envs!r}")
     if isinstance(estimator, str) and estimator == "default":
         return Core(load_config(config, **options), num_envs)
     if estimator is None or isinstance(estimator, str | Mapping) or hasattr(estimator, "model_dump"):
@@ -41,11 +45,30 @@ def open_core(
     return Core(complete, num_envs, own)
 
 
-def check_render_mode(mode: str | None) -> str | None:
+def check_render_mode(mode: str | None, known: tuple[str, ...] = ("human", "rgb_array")) -> str | None:
     """Return a render mode, or raise where there is none of that name."""
-    if mode not in (None, "human", "rgb_array"):
-        raise ConfigError(f"Argument `render_mode` must be None, 'human' or 'rgb_array', but is {mode!r}")
+    if mode is not None and mode not in known:
+        names = " or ".join(", ".join(["None", *map(repr, known)]).rsplit(", ", 1))
+        raise ConfigError(f"Argument `render_mode` must be {names}, but is {mode!r}")
     return mode
+
+
+def check_seeds(seed: object, count: int) -> list[int | None]:
+    """Return a seed for each of `count` environments, None to go on: of one integer it and the next ones."""
+    if seed is None:
+        return [None] * count
+    if isinstance(seed, numbers.Integral):
+        first = check_seed(seed)
+        return [first + n for n in range(count)]
+    if not isinstance(seed, Sequence | np.ndarray) or isinstance(seed, str) or len(seed) != count:
+        raise ValueError(f"Argument `seed` must be one integer or {count} of them, but is {seed!r}")
+    return [None if each is None else check_seed(each) for each in seed]
+
+
+def fresh_seeds(seed: object, count: int) -> list[int]:
+    """Return a seed for each of `count` environments, as `check_seeds`, but None draws from the operating system."""
+    drawn = np.random.SeedSequence().generate_state(count, np.uint64).tolist()
+    return [new if given is None else given for given, new in zip(check_seeds(seed, count), drawn, strict=True)]
 
 
 def frames_per_second(core: Core) -> int:
@@ -73,29 +96,40 @@ def check_options(options: Mapping[str, Any] | None) -> dict[str, Any] | None:
     return ours if ours or not options else None
 
 
-def check_actions(name: str, action: Any, shape: tuple[int, ...]) -> Float:
-    """Return an action as float64, or raise where it has another shape or is not finite."""
+def check_actions(name: str, action: Any, out: Float) -> None:
+    """Write an action into `out`, or raise where it has another shape or is not finite; nothing else has happened."""
+    array = action if isinstance(action, np.ndarray) and action.dtype.kind == "f" else _numbers(name, action, out.shape)
+    if array.shape != out.shape:
+        raise ValueError(f"Argument `{name}` must have shape {out.shape}, but has {array.shape}")
+    out[...] = array
+    if out.ndim == 1:
+        if not all(map(math.isfinite, out.tolist())):
+            raise ValueError(f"Argument `{name}` must be finite, but is {array.tolist()}")
+    elif not np.isfinite(out).all():
+        n = int(np.flatnonzero(~np.isfinite(out).all(axis=1))[0])
+        raise ValueError(f"Argument `{name}` must be finite, but is {array[n].tolist()} in row {n}")
+
+
+def _numbers(name: str, action: Any, shape: tuple[int, ...]) -> Float:
     try:
-        array = np.asarray(action, np.float64)
+        return np.asarray(action, np.float64)
     except (TypeError, ValueError):
         raise ValueError(f"Argument `{name}` must be numbers of shape {shape}, but is {action!r}") from None
-    if array.shape != shape:
-        raise ValueError(f"Argument `{name}` must have shape {shape}, but has {array.shape}")
-    if not np.isfinite(array).all():
-        raise ValueError(f"Argument `{name}` must be finite, but is {array.tolist()}")
-    return array
 
 
-def check_state(name: str, state: Any, like: Any) -> None:
-    """Raise where a state has not the form of `like`: the same names all the way down, the same shapes and types."""
+def check_state(name: str, state: Any, like: Any, count: int) -> None:
+    """Raise where a state of `count` environments has not the form of `like`, a state of no environment.
+
+    The form: the same names all the way down, arrays of the same types, and of the same shapes but for the first axis.
+    """
     if isinstance(like, Mapping):
         if not isinstance(state, Mapping) or state.keys() != like.keys():
             given = sorted(map(str, state)) if isinstance(state, Mapping) else type(state).__name__
             raise ValueError(f"Argument `{name}` must have the entries {sorted(like)}, but has {given}")
         for key, part in like.items():
-            check_state(f"{name}[{key!r}]", state[key], part)
-    elif isinstance(like, np.ndarray) and (
-        not isinstance(state, np.ndarray) or (state.shape, state.dtype) != (like.shape, like.dtype)
-    ):
-        given = f"{state.shape}, {state.dtype}" if isinstance(state, np.ndarray) else type(state).__name__
-        raise ValueError(f"Argument `{name}` must be an array of {like.shape}, {like.dtype}, but is {given}")
+            check_state(f"{name}[{key!r}]", state[key], part, count)
+    elif isinstance(like, np.ndarray):
+        shape = (count, *like.shape[1:])
+        if not isinstance(state, np.ndarray) or (state.shape, state.dtype) != (shape, like.dtype):
+            given = f"{state.shape}, {state.dtype}" if isinstance(state, np.ndarray) else type(state).__name__
+            raise ValueError(f"Argument `{name}` must be an array of {shape}, {like.dtype}, but is {given}")

@@ -21,7 +21,7 @@ from relloc_env.envs.door import (
     state_space,
 )
 from relloc_env.envs.picture import Picture
-from relloc_env.envs.spaces import robot_observation, robot_space
+from relloc_env.envs.spaces import robot_form, robot_space
 from relloc_env.samples import Float32
 from relloc_env.simulation import check_seed
 
@@ -60,6 +60,8 @@ class RellocParallelEnv(ParallelEnv[str, Any, Any]):
         self.observation_spaces = dict.fromkeys(self.possible_agents, space)
         self.action_spaces = {agent: spaces.Box(-1.0, 1.0, (2,), np.float32) for agent in self.possible_agents}
         self.state_space = state_space(self.core)
+        self._form = robot_form(self.core.config)
+        self._names = set(self.possible_agents)
         self._actions = np.zeros((1, self.core.config.robots, 2))
 
     @property
@@ -91,11 +93,8 @@ class RellocParallelEnv(ParallelEnv[str, Any, Any]):
         self.agents = []
         self.core.reset(_ROW, None if seed is None else [check_seed(seed)], check_options(options))
         self.agents = self.possible_agents[:]
-        infos = self._infos()
-        for info in infos.values():
-            info["prior"] = self.core.prior(0)
         self._picture.follow(new=True)
-        return self._observations(), infos
+        return self._observations(), self._infos(new=True)
 
     def step(
         self, actions: Mapping[str, Any]
@@ -109,17 +108,16 @@ class RellocParallelEnv(ParallelEnv[str, Any, Any]):
         agents, core = self.agents, self.core
         if not agents:
             raise ResetNeeded("Call `reset` before `step`: no episode is running")
-        if not isinstance(actions, Mapping) or actions.keys() != set(agents):
+        if not isinstance(actions, Mapping) or actions.keys() != self._names:
             given = sorted(map(str, actions)) if isinstance(actions, Mapping) else type(actions).__name__
             raise ValueError(f"Argument `actions` must have one action for each of {agents}, but has {given}")
         for r, agent in enumerate(agents):
-            self._actions[0, r] = check_actions(f"actions[{agent!r}]", actions[agent], (2,))
+            check_actions(f"actions[{agent!r}]", actions[agent], self._actions[0, r])
         core.step(self._actions, _ROW)
-        terminated, truncated = core.terminated(0), core.truncated(0)
-        rewards = dict(zip(agents, core.reward[0].tolist(), strict=True))
+        terminated, truncated = core.terminated.item(0), core.truncated.item(0)
         result = (
             self._observations(),
-            rewards,
+            dict(zip(agents, core.reward[0].tolist(), strict=True)),
             dict.fromkeys(agents, terminated),
             dict.fromkeys(agents, truncated),
             self._infos(),
@@ -130,10 +128,11 @@ class RellocParallelEnv(ParallelEnv[str, Any, Any]):
         return result
 
     def _observations(self) -> dict[str, Any]:
-        return {agent: robot_observation(self.core, 0, r) for r, agent in enumerate(self.agents)}
+        block = self.core.observation[0].copy()
+        return {agent: self._form(line) for agent, line in zip(self.agents, block, strict=True)}
 
-    def _infos(self) -> dict[str, dict[str, Any]]:
-        return {agent: self.core.information(0, r) for r, agent in enumerate(self.agents)}
+    def _infos(self, *, new: bool = False) -> dict[str, dict[str, Any]]:
+        return dict(zip(self.agents, self.core.information.each(0, new=new), strict=True))
 
     def get_state(self) -> dict[str, Any]:
         """Everything the environment remembers, to be put back with `set_state`."""
@@ -141,7 +140,7 @@ class RellocParallelEnv(ParallelEnv[str, Any, Any]):
 
     def set_state(self, state: Mapping[str, Any]) -> None:
         """Go on from a state, bit for bit; as `RellocEnv.set_state`."""
-        check_state("state", state, self.get_state())
+        check_state("state", state, {"core": self.core.get_state(_ROW[:0]), "agents": None}, 1)
         self.core.set_state(state["core"], _ROW)
         self.agents = list(state["agents"])
         self._picture.follow(new=True)

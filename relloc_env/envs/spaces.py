@@ -1,12 +1,14 @@
 """Observation and action spaces of a configuration, and an observation in the form its space has."""
 
+from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
 from gymnasium import spaces
 
 from relloc_env.config import EnvConfig
-from relloc_env.envs.core import ROBOT_NAMES, Core
+from relloc_env.envs.core import ROBOT_NAMES
 from relloc_env.envs.observation import bounds, fields, slices
 from relloc_env.samples import Float32
 
@@ -33,24 +35,40 @@ def joint_space(config: EnvConfig) -> spaces.Space[Any]:
     )
 
 
-def robot_observation(core: Core, n: int, r: int) -> Float32 | dict[str, Float32]:
-    """A fresh copy of what robot r of environment n observes."""
-    line: Float32 = core.observation[n, r].copy()
-    if core.config.observation == "flat":
-        return line
-    where = core.slices
-    return {f.name: line[where[f.name]] for f in core.fields}
+Form = Callable[[Float32], Any]
+"""Gives a block of numbers the form of an observation, without a copy."""
 
 
-def joint_observation(core: Core, n: int) -> Float32 | dict[str, Float32]:
-    """A fresh copy of what all robots of environment n observe."""
-    if core.config.observation == "flat":
-        line: Float32 = core.observation[n].flatten()
-        return line
-    lines, where = core.observation[n].copy(), core.slices
-    return {
-        _key(core.config, r, f.name): lines[r, where[f.name]] for r in range(core.config.robots) for f in core.fields
-    }
+def robot_form(config: EnvConfig) -> Form:
+    """How numbers (..., D) of one robot become its observation; leading axes stay."""
+    if config.observation == "flat":
+        return _as_it_is
+    return partial(_named_fields, [(name, part) for name, part in slices(config).items()])
+
+
+def joint_form(config: EnvConfig) -> Form:
+    """How numbers (..., R, D) of all robots become the joint observation; leading axes stay."""
+    if config.observation == "flat":
+        return _joined
+    where = slices(config).items()
+    keys = [(_key(config, r, name), r, part) for r in range(config.robots) for name, part in where]
+    return partial(_named_joint_fields, keys)
+
+
+def _as_it_is(block: Float32) -> Float32:
+    return block
+
+
+def _joined(block: Float32) -> Float32:
+    return block.reshape(*block.shape[:-2], -1)
+
+
+def _named_fields(keys: list[tuple[str, slice]], block: Float32) -> dict[str, Float32]:
+    return {key: block[..., part] for key, part in keys}
+
+
+def _named_joint_fields(keys: list[tuple[str, int, slice]], block: Float32) -> dict[str, Float32]:
+    return {key: block[..., r, part] for key, r, part in keys}
 
 
 def joint_slices(config: EnvConfig) -> dict[str, slice]:

@@ -79,7 +79,7 @@ def test_rollout_notes_what_the_doors_tell():
     assert played.time.tolist() == [0.25 * k for k in range(13)]
     # Straight ahead at 0.3 m/s for 3 s.
     assert played.summary()["path_m"] == pytest.approx(0.9, abs=1e-9)
-    info = env.core.information(0)
+    info = env.core.information.one(0)
     np.testing.assert_array_equal(played.poses[-1], info["truth"]["poses"])
     np.testing.assert_array_equal(played.pose_error[-1], info["errors"]["pose"])
     assert played.information[-1] == info["information"]["pose"]
