@@ -45,6 +45,9 @@ def profile(
     seconds: Annotated[float, typer.Option(min=0.0, help="How long each stage is measured [s].")] = 5.0,
 ) -> None:
     """How the time of a step divides among its stages."""
+    from benchmarks.worker import limit_cores
+
+    limit_cores(1)
     from benchmarks.profile import stages, table
 
     found = stages(num_envs, seconds)

@@ -15,7 +15,7 @@ def draw(results: Mapping[str, Any], path: Path) -> None:
     for entry in results["contenders"]:
         if entry["steps_per_second"] is not None:
             by_name.setdefault(entry["name"], []).append(entry)
-    for name, entries in by_name.items():
+    for entries in by_name.values():
         ours = entries[0]["package"] == "relloc-env"
         sizes = [entry["num_envs"] for entry in entries]
         if len(sizes) == 1 and sizes[0] != 1:
@@ -25,7 +25,7 @@ def draw(results: Mapping[str, Any], path: Path) -> None:
             sizes, [rate["median"] for rate in rates], "o-" if ours else "s--", ms=4, lw=2.0 if ours else 1.2,
             label=entries[0]["words"], zorder=3 if ours else 2,
         )  # fmt: skip
-        lower, upper = ([rate[name] for rate in rates] for name in ("lower_quartile", "upper_quartile"))
+        lower, upper = ([rate[key] for rate in rates] for key in ("lower_quartile", "upper_quartile"))
         axes.fill_between(sizes, lower, upper, color=line.get_color(), alpha=0.2, lw=0)
     axes.set(xscale="log", yscale="log", xlabel="environments", ylabel="environment steps / s")
     axes.set_xscale("log", base=2)

@@ -5,7 +5,7 @@ delay and loss, the paper's cascade, the excitation reward, observations, autore
 """
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, cast
 
 import gymnasium as gym
 import numpy as np
@@ -48,7 +48,8 @@ def smooth_actions(num_envs: int, seed: int = 0) -> NDArray[np.float32]:
         actions[t] = keep * actions[t - 1] + np.sqrt(1.0 - keep * keep) * actions[t]
     actions *= 0.5
     actions[..., ::2] += 0.3
-    return np.clip(actions, -1.0, 1.0)
+    np.clip(actions, -1.0, 1.0, out=actions)
+    return actions
 
 
 class _Player:
@@ -71,10 +72,10 @@ class Batch:
     """The native vector environment, its episodes spread over the horizon as in a long run."""
 
     def __init__(self, options: Mapping[str, Any], num_envs: int) -> None:
-        self.envs: Any = gym.make_vec(ID, num_envs, **options)
+        self.envs = cast(Any, gym.make_vec(ID, num_envs, **options))
         self._player, self._block = _Player(num_envs), block(num_envs)
         self.envs.reset(seed=0)
-        core = self.envs.unwrapped.core
+        core: Any = self.envs.unwrapped.core
         core.elapsed[:] = np.random.default_rng(0).integers(0, core.config.max_cycles, num_envs)
         for _ in range(core.config.max_cycles):
             self.envs.step(self._player.next())
@@ -87,11 +88,12 @@ class Batch:
 
     def contact_share(self) -> float:
         """Share of environment steps in which a robot touches something, over one horizon."""
-        core, share = self.envs.unwrapped.core, 0.0
+        core: Any = self.envs.unwrapped.core
+        shares = []
         for _ in range(core.config.max_cycles):
             self.envs.step(self._player.next())
-            share += float(core.simulation.world.collided.any(axis=1).mean())
-        return share / core.config.max_cycles
+            shares.append(core.simulation.world.collided.any(axis=1).mean())
+        return float(np.mean(shares))
 
 
 def everything(num_envs: int) -> Drive:

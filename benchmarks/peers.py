@@ -50,8 +50,8 @@ def _vmas(scenario: str, num_envs: int) -> Drive:
     from vmas import make_env
 
     env = make_env(scenario, num_envs, device="cpu", continuous_actions=True, seed=0, n_agents=AGENTS)
-    make = torch.Generator().manual_seed(0)
-    bank = [[2.0 * torch.rand((num_envs, 2), generator=make) - 1.0 for _ in range(AGENTS)] for _ in range(block(num_envs))]
+    drawn = 2.0 * torch.rand((block(num_envs), AGENTS, num_envs, 2), generator=torch.Generator().manual_seed(0)) - 1.0
+    bank = [list(actions) for actions in drawn]
     env.reset()
     elapsed = 0
 

@@ -11,7 +11,7 @@ from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeEl
 from benchmarks import speed, startup
 from benchmarks.contenders import BATCH, CONTENDERS, SIZES
 from benchmarks.figure import draw
-from benchmarks.speed import Tell
+from benchmarks.speed import Tell, silent
 from benchmarks.targets import targets
 
 
@@ -26,7 +26,7 @@ def progress() -> Iterator[Tell]:
 
 def run(
     out: Path, *, names: Sequence[str] | None = None, rounds: int = 12, seconds: float = 1.0, cores: int = 2,
-    quick: bool = False, tell: Tell = lambda _part, _words: None,
+    quick: bool = False, tell: Tell = silent,
 ) -> dict[str, Any]:  # fmt: skip
     """Measure, and write `results.json` and `speed.png` into a folder.
 
@@ -64,7 +64,7 @@ def run(
         tell(0.12, "memory over a million steps")
         results["growth"] = speed.growth(cores)
         tell(0.25, "training with PPO")
-        results["training"] = training.measure()
+        results["training"] = speed.training(cores)
     results["contenders"] = speed.measure(
         names or CONTENDERS, sizes=(1, 4) if quick else SIZES, cores=cores, rounds=rounds, seconds=seconds,
         warm_up=0.0 if quick else 1.0, tell=part(0.3, 1.0),

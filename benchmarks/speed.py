@@ -21,12 +21,17 @@ import numpy as np
 from benchmarks.contenders import BATCH, CONTENDERS, SIZES, Contender
 
 ROOT = Path(__file__).resolve().parents[1]
-LIBRARIES = ("gymnasium", "jax", "jaxmarl", "mpe2", "numba", "numpy", "pettingzoo", "stable-baselines3", "torch", "vmas")
+LIBRARIES = ("gymnasium", "jax", "mpe2", "numba", "numpy", "pettingzoo", "stable-baselines3", "torch", "vmas")
 PLOT_EVERY = 3
 """Rounds in which sizes that only the plot needs are measured: every third."""
 
+Names = tuple[str, ...]
 Tell = Callable[[float, str], None]
 """Called with the part that is done and what is being done."""
+
+
+def silent(_part: float, _words: str) -> None:
+    """Tell nobody."""
 
 
 class WorkerError(RuntimeError):
@@ -38,7 +43,7 @@ class Process:
 
     def __init__(self, contender: Contender, cores: int) -> None:
         command = [sys.executable, "-m", "benchmarks.worker", contender.name, str(contender.cores or cores)]
-        self._errors = tempfile.TemporaryFile("w+", encoding="utf-8", errors="replace")
+        self._errors = tempfile.TemporaryFile("w+", encoding="utf-8", errors="replace")  # noqa: SIM115 - closed with the process
         self._process = subprocess.Popen(
             command, cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._errors, text=True
         )
@@ -108,22 +113,21 @@ def spread(values: Iterable[float]) -> dict[str, float] | None:
     return dict(zip(names, np.percentile(found, (0, 25, 50, 75, 100)).tolist(), strict=True))
 
 
-def rates(entries: Iterable[Mapping[str, Any]], name: str, num_envs: int) -> dict[str, float]:
-    """What was measured of a contender, by round; empty where it was not."""
+def rates(entries: Iterable[Mapping[str, Any]], names: Names, num_envs: int) -> dict[str, float]:
+    """The best of some contenders, by round; empty where none was measured."""
+    found: dict[str, float] = {}
     for entry in entries:
-        if entry["name"] == name and entry["num_envs"] == num_envs:
-            found: dict[str, float] = entry["rates"]
-            return found
-    return {}
+        if entry["name"] in names and entry["num_envs"] == num_envs:
+            for r, rate in entry["rates"].items():
+                found[r] = max(rate, found.get(r, 0.0))
+    return found
 
 
-def ratio(
-    entries: Iterable[Mapping[str, Any]], ours: tuple[str, int], theirs: tuple[str, int]
-) -> dict[str, float] | None:
-    """Spread over rounds of one contender's speed over another's in the same round; each is (name, N)."""
+def ratio(entries: Iterable[Mapping[str, Any]], ours: Names, theirs: Names, num_envs: int) -> dict[str, float] | None:
+    """Spread over rounds of the best of some contenders over the best of others in the same round."""
     entries = list(entries)
-    a, b = rates(entries, *ours), rates(entries, *theirs)
-    return spread(a[k] / b[k] for k in a if k in b)
+    a, b = rates(entries, ours, num_envs), rates(entries, theirs, num_envs)
+    return spread(a[r] / b[r] for r in a if r in b)
 
 
 def machine() -> dict[str, Any]:
@@ -133,7 +137,7 @@ def machine() -> dict[str, Any]:
         model = next(line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
     except (OSError, StopIteration):
         model = platform.processor()
-    versions = {}
+    versions: dict[str, str | None] = {}
     for name in LIBRARIES:
         try:
             versions[name] = importlib.metadata.version(name)
@@ -148,7 +152,7 @@ def machine() -> dict[str, Any]:
 
 def measure(
     names: Iterable[str] = tuple(CONTENDERS), *, sizes: Iterable[int] = SIZES, cores: int = 2, rounds: int = 12,
-    seconds: float = 1.0, warm_up: float = 1.0, seed: int = 0, tell: Tell = lambda _part, _words: None,
+    seconds: float = 1.0, warm_up: float = 1.0, seed: int = 0, tell: Tell = silent,
 ) -> list[dict[str, Any]]:  # fmt: skip
     """Measure contenders side by side.
 
@@ -237,3 +241,9 @@ def growth(cores: int, steps: int = 1_000_000) -> dict[str, Any]:
             process.ask("set_up", num_envs=n)
             found[name] = {"steps": steps, **process.ask("growth", num_envs=n, steps=steps, traced=steps // 20)}
     return found
+
+
+def training(cores: int, num_envs: int = 256, updates: int = 5) -> dict[str, Any]:
+    """Share of the environment in the time of PPO's training."""
+    with Process(CONTENDERS["sb3"], cores) as process:
+        return process.ask("train", num_envs=num_envs, updates=updates)

@@ -7,7 +7,7 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from benchmarks.speed import ROOT, Tell, spread
+from benchmarks.speed import ROOT, Tell, silent, spread
 
 _IMPORT = """
 import time
@@ -39,7 +39,7 @@ def _run(code: str, **variables: str) -> list[float]:
     return [float(word) for word in run.stdout.split()]
 
 
-def measure(repeats: int = 15, *, compile_first: bool = True, tell: Tell = lambda _part, _words: None) -> dict[str, Any]:
+def measure(repeats: int = 15, *, compile_first: bool = True, tell: Tell = silent) -> dict[str, Any]:
     """Times to begin [s], medians and spreads over fresh processes.
 
     Args:

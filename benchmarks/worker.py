@@ -114,6 +114,12 @@ class Worker:
         tracemalloc.stop()
         return {"resident": after - before, "traced": last - first}
 
+    def train(self, num_envs: int, updates: int) -> dict[str, Any]:
+        """Share of the environment in the time of training."""
+        from benchmarks.training import measure
+
+        return measure(num_envs, updates)
+
 
 def main(name: str, cores: int) -> None:
     """Answer requests until there are no more."""
