@@ -1,32 +1,130 @@
-"""Compile options of every kernel, in one place.
+"""Compile options of every kernel, in one place, and the cache of what was compiled.
 
 A kernel is a function of numbers and arrays, compiled once and cached on disk. It releases the global interpreter
 lock, so a batch may be cut into parts that run on several threads; `fastmath` stays off, so that an environment gives
 the same bits alone and in a batch of any size.
+
+numba keeps the cache where NUMBA_CACHE_DIR says, else beside the sources, else, where those are read-only, in the
+user's cache folder. It notices a change of the file that a kernel stands in, not of the kernels that it calls in other
+files: here a kernel is compiled anew after a change of its file or of any file with kernels that this one imports.
 """
 
+import contextlib
+import functools
+import hashlib
+import os
+import re
+import sys
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, TypeVar
 
 import numba
+from numba.core.caching import FunctionCache, IndexDataCacheFile, NullCache
 
+_FOLDER = Path(__file__).parent
+_IMPORT = re.compile(rb"^ *(?:from|import) +(relloc_env[\w.]*)", re.MULTILINE)
+_MARK = b"relloc_env.kernels._compile"
 F = TypeVar("F", bound=Callable[..., Any])
+QUIET = "RELLOC_QUIET"
+"""Environment variable: anything but empty or 0 switches off what is said on stderr."""
 
 
 def kernel(function: F) -> F:
-    """Compile `function` with the project's options (typed as the function itself)."""
+    """Compile `function`, of a module, with the project's options (typed as the function itself)."""
     return _compile(function)
 
 
 def inlined(function: F) -> F:
     """The same, and compiled into each kernel that calls it: for small functions in the innermost loops."""
-    return _compile(function, forceinline=True)
+    return _compile(function, force=True)
 
 
-def _compile(function: F, **extra: bool) -> F:
-    options: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": False, **extra}
+def _compile(function: F, *, force: bool = False) -> F:
+    compiled: Any = numba.njit(nogil=True, error_model="numpy", fastmath=False, forceinline=force)(function)
+    cache: _KernelCache | _NoCache
     try:
-        compiled: F = numba.njit(cache=True, **options)(function)
-    except RuntimeError:  # no writable place for numba's cache: compile anew in this process
-        compiled = numba.njit(**options)(function)
-    return compiled
+        cache = _KernelCache(function)
+    except (OSError, RuntimeError):  # there is nowhere to write
+        cache = _NoCache()
+    compiled._cache = cache  # noqa: SLF001 (what numba's `cache=True` does, with a cache of its own)
+    return compiled  # type: ignore[no-any-return]
+
+
+class _KernelCache(FunctionCache):
+    """The compiled forms of one kernel on disk: one file for its index, one for each signature.
+
+    Files are named after the kernel alone, so that what was compiled from other sources is written over. A cache that
+    cannot be read or written is as good as an empty one.
+    """
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        super().__init__(function)
+        name = f"{function.__module__}.{function.__qualname__}.{sys.implementation.cache_tag}{sys.abiflags}"
+        stamp = (sources_digest(Path(function.__code__.co_filename)), self._impl.locator.get_source_stamp())
+        self._cache_file = IndexDataCacheFile(self._cache_path, name.replace("<locals>", ""), stamp)
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """Return what was compiled before, or None."""
+        try:
+            found = super().load_overload(sig, target_context)
+        except Exception:  # noqa: BLE001 (a damaged file may raise anything, and so may types that are no more)
+            found = None
+            with contextlib.suppress(OSError):
+                self.flush()
+        if found is None:
+            _announce()
+        return found
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Keep what was compiled, where that is possible."""
+        with contextlib.suppress(OSError):
+            super().save_overload(sig, data)
+
+
+class _NoCache(NullCache):
+    """Stands in where nothing can be written: each process compiles what it needs."""
+
+    def load_overload(self, sig: Any, target_context: Any) -> None:  # noqa: ARG002 (numba's signature)
+        """Return None: nothing was compiled before."""
+        _announce()
+
+
+@functools.cache
+def sources_digest(path: Path) -> str:
+    """Digest of a file, and of all files with kernels of this package that it imports, directly or not."""
+    found: dict[Path, bytes] = {}
+    ahead = [path]
+    while ahead:
+        path = ahead.pop()
+        if path not in found:
+            found[path], imported = _source(path)
+            ahead.extend(imported)
+    return hashlib.sha256(b"".join(found[path] for path in sorted(found))).hexdigest()
+
+
+@functools.cache
+def _source(path: Path) -> tuple[bytes, list[Path]]:
+    """Digest of a file, and the files that it imports from this package; empty where a file holds no kernels."""
+    try:
+        content = path.read_bytes()
+    except OSError:
+        return b"", []
+    if path.parent != _FOLDER and _MARK not in content:
+        return b"", []
+    imported: list[Path] = []
+    for name in set(_IMPORT.findall(content)):
+        place = _FOLDER.parents[1].joinpath(*name.decode().split("."))
+        imported += place.glob("*.py") if place.is_dir() else [place.with_suffix(".py")]
+    return hashlib.sha256(content).digest(), imported
+
+
+@functools.cache
+def _announce() -> None:
+    """Say once in a process that something has to be compiled, since that takes a while."""
+    if os.environ.get(QUIET, "0") in ("", "0"):
+        sys.stderr.write(
+            "relloc_env: compiling kernels, half a minute or so; they are cached for the next time "
+            f"({QUIET}=1 hides this)\n"
+        )
+        sys.stderr.flush()
