@@ -1,0 +1,249 @@
+"""The Stable-Baselines3 door: a batch as its `VecEnv`. Imported only by those who train with it."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium import spaces
+from gymnasium.error import ResetNeeded
+from stable_baselines3.common.vec_env import VecEnv
+from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvStepReturn
+
+from relloc_env.config import EnvConfig
+from relloc_env.envs.core import ROBOT_NAMES
+from relloc_env.envs.door import check_actions, check_options, check_render_mode, check_seeds, check_state, open_core
+from relloc_env.envs.information import Information, check_entries
+from relloc_env.envs.picture import Picture
+from relloc_env.envs.spaces import joint_form, joint_space, robot_form, robot_space
+from relloc_env.samples import Float32, Rows
+
+
+class RellocVecEnv(VecEnv):
+    """N environments for Stable-Baselines3: one row each, or one row for each robot.
+
+    Centralised, a row is a `RellocEnv`: both robots' observations, one joint action, the mean reward. Decentralised, a
+    row is a robot, row 2 n + r that of robot r of environment n, with its own observation, action and reward: one
+    policy, its parameters shared by all robots. Either way an environment that is over starts anew at once; then its
+    rows' infos hold `terminal_observation` and `TimeLimit.truncated`, from which algorithms bootstrap.
+
+    Args:
+        num_envs: number N of environments.
+        config, estimator, options: as for `RellocEnv`.
+        decentralised: whether each robot is a row.
+        info: entries of `relloc_env.envs.information.ENTRIES` for every row's info, which is slow; () for none.
+        render_mode: None or "rgb_array".
+
+    Raises:
+        ConfigError: an unknown option, or a value that cannot be.
+    """
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        config: EnvConfig | Mapping[str, Any] | str | Path | None = None,
+        *,
+        decentralised: bool = False,
+        info: Sequence[str] = (),
+        estimator: Any = "default",
+        render_mode: str | None = None,
+        **options: Any,
+    ) -> None:
+        self.core = open_core(config, num_envs, estimator, options)
+        robots = self.core.config.robots
+        self.decentralised = decentralised
+        self.rows_each = robots if decentralised else 1
+        self._mode = check_render_mode(render_mode, ("rgb_array",))
+        self._form = robot_form(self.config) if decentralised else joint_form(self.config)
+        self._entries = check_entries(info)
+        self._information = Information(self.core, self._entries)
+        self._actions = np.zeros((num_envs, robots, 2))
+        self._rows: dict[int, Row] = {}
+        self._ready = False
+        self._pictures = [Picture(self.core, self._mode, n) for n in range(num_envs if self._mode else 0)]
+        size = 2 if decentralised else 2 * robots
+        super().__init__(
+            num_envs * self.rows_each,
+            robot_space(self.config) if decentralised else joint_space(self.config),
+            spaces.Box(-1.0, 1.0, (size,), np.float32),
+        )
+
+    @property
+    def config(self) -> EnvConfig:
+        """The configuration of all environments, complete."""
+        return self.core.config
+
+    def seed(self, seed: int | None = None) -> Sequence[int | None]:
+        """Set the seeds of the next `reset`: of environment 0, the others take the next ones; returns each row's."""
+        first = super().seed(seed)[0]
+        assert first is not None
+        check_seeds(first, 1)
+        self._seeds = [first + row // self.rows_each for row in range(self.num_envs)]
+        return self._seeds
+
+    def reset(self) -> Any:
+        """Start an episode in every environment, with the seeds and options that were set."""
+        core = self.core
+        self._ready = False
+        core.observation = np.empty_like(core.observation)
+        seeds = self._seeds[:: self.rows_each]
+        for rows, options in self._grouped_options():
+            seeded = [seed for seed in (seeds[n] for n in rows.tolist()) if seed is not None]
+            core.reset(rows, seeded or None, check_options(options))
+        self._reset_seeds()
+        self._reset_options()
+        self._ready = True
+        self.reset_infos = self._infos(range(core.num_envs), new=True)
+        for picture in self._pictures:
+            picture.follow(new=True)
+        return self._show(core.observation)
+
+    def _grouped_options(self) -> Iterator[tuple[Rows, Mapping[str, Any] | None]]:
+        """Environments with the same options, and these; None where nothing was set."""
+        groups: dict[int, list[int]] = {}
+        given = self._options[:: self.rows_each]
+        for n, options in enumerate(given):
+            groups.setdefault(id(options) if options else 0, []).append(n)
+        for members in groups.values():
+            yield np.array(members, np.int64), given[members[0]] or None
+
+    def step_async(self, actions: Any) -> None:
+        """Take in one action [-] per row.
+
+        Raises:
+            ResetNeeded: before the first `reset`.
+            ValueError: actions of another shape, or that are not finite.
+        """
+        if not self._ready:
+            raise ResetNeeded("Call `reset` before `step`: no episode is running")
+        check_actions("actions", actions, self._actions.reshape(self.num_envs, -1))
+
+    def step_wait(self) -> VecEnvStepReturn:
+        """Hold the actions for `samples_per_action` samples; what is over starts anew."""
+        core = self.core
+        core.observation = np.empty_like(core.observation)
+        core.step(self._actions, core.everyone)
+        reward = core.reward.reshape(-1) if self.decentralised else core.joint_reward
+        rewards = reward.astype(np.float32)
+        over = core.terminated | core.truncated
+        infos = self._infos(range(core.num_envs)) if self._entries else [{} for _ in range(self.num_envs)]
+        new = np.flatnonzero(over)
+        if new.size:
+            self._end(new, infos)
+        for n, picture in enumerate(self._pictures):
+            picture.follow(new=bool(over[n]))
+        return self._show(core.observation), rewards, np.repeat(over, self.rows_each), infos
+
+    def _end(self, new: Rows, infos: list[dict[str, Any]]) -> None:
+        """Note how episodes ended in their rows' infos, and start the next ones."""
+        core, each = self.core, self.rows_each
+        last = self._lines(core.observation[new])
+        timeouts = (core.truncated & ~core.terminated)[new].tolist()
+        for i, n in enumerate(new.tolist()):
+            for r in range(each):
+                info = infos[n * each + r]
+                info["TimeLimit.truncated"] = timeouts[i]
+                info["terminal_observation"] = self._form(last[i * each + r])
+        self._ready = False
+        core.reset(new)
+        self._ready = True
+        if self._entries:
+            fresh = self._infos(new.tolist(), new=True)
+            for i, n in enumerate(new.tolist()):
+                self.reset_infos[n * each : (n + 1) * each] = fresh[i * each : (i + 1) * each]
+
+    def _lines(self, block: Float32) -> Float32:
+        """Observations (N, R, D) as one line per row, in the axes that `_form` wants."""
+        return block.reshape(-1, block.shape[-1]) if self.decentralised else block
+
+    def _show(self, block: Float32) -> Any:
+        return self._form(self._lines(block))
+
+    def _infos(self, environments: Sequence[int], *, new: bool = False) -> list[dict[str, Any]]:
+        """The rows' infos of some environments, with what was asked for."""
+        if not self._entries:
+            return [{} for _ in range(len(environments) * self.rows_each)]
+        if self.decentralised:
+            return [info for n in environments for info in self._information.each(n, new=new)]
+        return [self._information.one(n, new=new) for n in environments]
+
+    def row(self, index: int) -> "Row":
+        """One row as an object: what `get_attr`, `set_attr` and `env_method` work on."""
+        if index not in self._rows:
+            self._rows[index] = Row(self, *divmod(range(self.num_envs)[index], self.rows_each))
+        return self._rows[index]
+
+    def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
+        """An attribute of some rows; see `Row`."""
+        if attr_name == "render_mode":  # asked for before there are rows
+            return [self._mode] * (
+                self.core.num_envs * self.rows_each if indices is None else len(self._chosen(indices))
+            )
+        return [getattr(row, attr_name) for row in self._chosen(indices)]
+
+    def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> None:
+        """Set an attribute of some rows, also of a name of the caller's own."""
+        for row in self._chosen(indices):
+            setattr(row, attr_name, value)
+
+    def env_method(
+        self, method_name: str, *method_args: Any, indices: VecEnvIndices = None, **method_kwargs: Any
+    ) -> list[Any]:
+        """Call a method of some rows; see `Row`."""
+        return [getattr(row, method_name)(*method_args, **method_kwargs) for row in self._chosen(indices)]
+
+    def env_is_wrapped(
+        self,
+        wrapper_class: type[gym.Wrapper[Any, Any, Any, Any]],  # noqa: ARG002 - Stable-Baselines3's form
+        indices: VecEnvIndices = None,
+    ) -> list[bool]:
+        """Whether rows are wrapped, one by one: they are not."""
+        return [False for _ in self._chosen(indices)]
+
+    def _chosen(self, indices: VecEnvIndices) -> list["Row"]:
+        return [self.row(int(index)) for index in self._get_indices(indices)]
+
+    def get_images(self) -> Sequence[Any]:
+        """The pictures of now, one RGB array (H, W, 3) per environment."""
+        return [picture.render() for picture in self._pictures]
+
+    def close(self) -> None:
+        """Let go of what pictures need."""
+        for picture in self._pictures:
+            picture.close()
+
+
+class Row:
+    """One row of a `RellocVecEnv`: an environment, or a robot of it.
+
+    Attributes:
+        index: of the environment.
+        robot: name of the robot; None where a row is a whole environment.
+    """
+
+    def __init__(self, env: RellocVecEnv, index: int, robot: int) -> None:
+        self._env = env
+        self.index = index
+        self.robot = ROBOT_NAMES[robot] if env.decentralised else None
+        self.config = env.config
+        self.observation_space, self.action_space = env.observation_space, env.action_space
+
+    def state(self) -> Float32:
+        """The truth and every observation of the environment as one vector, for centralised critics."""
+        return self._env.core.state(self.index)
+
+    def get_state(self) -> dict[str, Any]:
+        """Everything the environment remembers, to be put back with `set_state`."""
+        return self._env.core.get_state(np.array([self.index]))
+
+    def set_state(self, state: Mapping[str, Any]) -> None:
+        """Go on from a state of an environment of the same configuration, bit for bit.
+
+        Raises:
+            ValueError: what no environment of this configuration gave.
+        """
+        core = self._env.core
+        check_state("state", state, core.get_state(np.zeros(0, np.int64)), 1)
+        core.observation = core.observation.copy()
+        core.set_state(state, np.array([self.index]))
