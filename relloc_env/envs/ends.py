@@ -1,4 +1,4 @@
-"""Before and after the physics of an action: what was done, how long the episode is, the joint reward, and its end."""
+"""Around the physics of an action: what was done, how long the episode is, its end, means over the robots."""
 
 import math
 
@@ -52,3 +52,15 @@ def end_action(reward, joint_reward, collided, worst_sd, elapsed, ends, terminat
             over = True
         terminated[n] = over
         truncated[n] = elapsed[n] >= ends[0]
+
+
+@kernel
+def mean_terms(terms, out):
+    """Mean over the robots of the terms (N, R, T) of the reward, into `out` (N, T)."""
+    robots = terms.shape[1]
+    for n in range(terms.shape[0]):
+        for j in range(terms.shape[2]):
+            total = 0.0
+            for r in range(robots):
+                total += terms[n, r, j]
+            out[n, j] = total / robots

@@ -1,12 +1,13 @@
 """What `info` holds: the terms of the reward and the truth, of one environment or of a whole batch."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from relloc_env.config import ConfigError, hint
+from relloc_env.envs.ends import mean_terms
 from relloc_env.rewards import TERMS
 from relloc_env.samples import Bool, Rows
 
@@ -16,6 +17,9 @@ if TYPE_CHECKING:
 ENTRIES = ("reward", "truth", "errors", "information", "bound_sd", "prior")
 """What an `info` may hold; `reward` stands for all of `reward/<name>`, `prior` comes with a reset alone."""
 _TERMS = tuple(f"reward/{name}" for name in TERMS)
+
+Take = Callable[[NDArray[Any]], Any]
+"""Copies of a live array, N first, what is wanted."""
 
 
 class Information:
@@ -27,23 +31,48 @@ class Information:
     """
 
     def __init__(self, core: "Core", entries: Sequence[str] = ENTRIES) -> None:
-        world, score, prior = core.simulation.world, core.score, core.simulation.prior
-        n, every = core.num_envs, np.broadcast_to
-        known: dict[str, NDArray[Any] | dict[str, NDArray[Any]]] = {
-            "truth": {"poses": world.pose, "points": world.points},
-            "errors": {"range": score.depth_error, "pose": score.pose_error},
-            "information": {"depth": score.depth_information, "pose": score.pose_information},
-            "bound_sd": score.worst_sd,
-        }
-        if core.bare:
-            del known["errors"]
+        n = core.num_envs
+        self._world, self._score, self._prior = core.simulation.world, core.score, core.simulation.prior
+        self._prior_sd = (
+            np.broadcast_to(np.float64(self._prior.depth_sd), n),
+            np.broadcast_to(self._prior.pose_sd, (n, 3)),
+        )
         self._num_envs, self._robots = n, core.config.robots
-        self._terms: NDArray[np.float64] | None = score.terms if "reward" in entries else None
-        self._live = {name: part for name, part in known.items() if name in entries}
-        self._prior: dict[str, NDArray[Any]] | None = None
-        if "prior" in entries:
-            sd = {"depth_sd": every(np.float64(prior.depth_sd), n), "pose_sd": every(prior.pose_sd, (n, 3))}
-            self._prior = {"depth": prior.depth, "pose": prior.pose, **sd}
+        wanted = {name: name in entries for name in ENTRIES}
+        self._with_reward, self._with_truth, self._with_prior = wanted["reward"], wanted["truth"], wanted["prior"]
+        self._with_errors = wanted["errors"] and not core.bare
+        self._with_information, self._with_bound = wanted["information"], wanted["bound_sd"]
+
+    def _common(self, take: Take, number: Take) -> dict[str, Any]:
+        """All but rewards and priors. `take` copies from arrays (N, ...), `number` from arrays (N,)."""
+        info: dict[str, Any] = {}
+        world, score = self._world, self._score
+        if self._with_truth:
+            info["truth"] = {"poses": take(world.pose), "points": take(world.points)}
+        if self._with_errors:
+            info["errors"] = {"range": take(score.depth_error), "pose": take(score.pose_error)}
+        if self._with_information:
+            info["information"] = {"depth": take(score.depth_information), "pose": number(score.pose_information)}
+        if self._with_bound:
+            info["bound_sd"] = take(score.worst_sd)
+        return info
+
+    def _told(self, take: Take, number: Take) -> dict[str, Any]:
+        """What the robots were told at the start, with its standard deviations."""
+        prior, (depth_sd, pose_sd) = self._prior, self._prior_sd
+        return {
+            "depth": take(prior.depth),
+            "pose": take(prior.pose),
+            "depth_sd": number(depth_sd),
+            "pose_sd": take(pose_sd),
+        }
+
+    def _at(self, n: int, new: bool) -> dict[str, Any]:
+        """All but rewards, of environment n."""
+        info = self._common(lambda array: array[n].copy(), lambda array: array.item(n))
+        if new and self._with_prior:
+            info["prior"] = self._told(lambda array: array[n].copy(), lambda array: array.item(n))
+        return info
 
     def one(self, n: int, *, new: bool = False) -> dict[str, Any]:
         """`info` of environment n, with the mean over the robots of the reward's terms.
@@ -52,30 +81,18 @@ class Information:
             n: index of the environment.
             new: whether an episode starts; then with what the robots were told (`prior`).
         """
-        if self._terms is None:
-            return self._common(n, new)
-        lines = self._terms[n].tolist()
-        line = lines[0] if len(lines) == 1 else [sum(term) / len(lines) for term in zip(*lines, strict=True)]
-        return dict(zip(_TERMS, line, strict=True)) | self._common(n, new)
+        if not self._with_reward:
+            return self._at(n, new)
+        lines = self._score.terms[n].tolist()
+        mean = [total / len(lines) for total in map(sum, zip(*lines, strict=True))]
+        return dict(zip(_TERMS, mean, strict=True)) | self._at(n, new)
 
     def each(self, n: int, *, new: bool = False) -> list[dict[str, Any]]:
         """`info` of every robot of environment n: the terms of its own reward, and all else as one object for all."""
-        common = self._common(n, new)
-        if self._terms is None:
+        common = self._at(n, new)
+        if not self._with_reward:
             return [common.copy() for _ in range(self._robots)]
-        return [dict(zip(_TERMS, line, strict=True)) | common for line in self._terms[n].tolist()]
-
-    def _common(self, n: int, new: bool) -> dict[str, Any]:
-        """All but the terms of the reward."""
-        info: dict[str, Any] = {}
-        for name, part in self._live.items():
-            if isinstance(part, dict):
-                info[name] = {key: array[n].copy() for key, array in part.items()}
-            else:
-                info[name] = part[n].copy()
-        if new and self._prior is not None:
-            info["prior"] = {key: array[n].copy() for key, array in self._prior.items()}
-        return info
+        return [dict(zip(_TERMS, line, strict=True)) | common for line in self._score.terms[n].tolist()]
 
     def batch(self, rows: Rows | None = None, new: Rows | None = None) -> dict[str, Any]:
         """`info` of many environments, as Gymnasium's vector environments give it: arrays, N first, and masks.
@@ -85,14 +102,16 @@ class Information:
             new: environments in which an episode starts, with `prior`.
         """
         info: dict[str, Any] = {}
-        mask = _mask(self._num_envs, rows)
-        if self._terms is not None:
-            terms = _fill(_mean(self._terms), rows) if rows is not None else _mean(self._terms)
-            for i, name in enumerate(_TERMS):
-                info[name], info[f"_{name}"] = terms[:, i], mask
-        _add(info, self._live, rows, mask)
-        if new is not None and self._prior is not None:
-            _add(info, {"prior": self._prior}, new, _mask(self._num_envs, new))
+        take = _taker(rows)
+        if self._with_reward:
+            mean = np.empty((self._num_envs, len(_TERMS)))
+            mean_terms(self._score.terms, mean)
+            mean = mean if rows is None else take(mean)
+            info = {name: mean[:, i] for i, name in enumerate(_TERMS)}
+        info = _masked(info | self._common(take, take), _mask(self._num_envs, rows))
+        if new is not None and self._with_prior:
+            take = _taker(new)
+            info |= _masked({"prior": self._told(take, take)}, _mask(self._num_envs, new))
         return info
 
 
@@ -107,12 +126,17 @@ def check_entries(entries: object) -> tuple[str, ...]:
     return tuple(entries)
 
 
-def _mean(terms: NDArray[np.float64]) -> NDArray[np.float64]:
-    """A fresh mean over the robots of terms (..., R, T)."""
-    if terms.shape[-2] == 1:
-        return terms[..., 0, :].copy()
-    mean: NDArray[np.float64] = np.add.reduce(terms, axis=-2) / terms.shape[-2]
-    return mean
+def _taker(rows: Rows | None) -> Take:
+    """How arrays (N, ...) are copied: whole, or the environments `rows` with zeros elsewhere."""
+    if rows is None:
+        return np.ndarray.copy
+
+    def take(array: NDArray[Any]) -> NDArray[Any]:
+        part = np.zeros(array.shape, array.dtype)
+        part[rows] = array[rows]
+        return part
+
+    return take
 
 
 def _mask(count: int, rows: Rows | None) -> Bool:
@@ -124,20 +148,10 @@ def _mask(count: int, rows: Rows | None) -> Bool:
     return mask
 
 
-def _fill(array: NDArray[Any], rows: Rows) -> NDArray[Any]:
-    """A fresh array that holds the environments `rows`, and zeros elsewhere."""
-    part = np.zeros(array.shape, array.dtype)
-    part[rows] = array[rows]
-    return part
-
-
-def _add(info: dict[str, Any], parts: Mapping[str, Any], rows: Rows | None, mask: Bool) -> None:
-    """Put copies of live arrays, and their masks, into `info`."""
-    for name, part in parts.items():
-        if isinstance(part, dict):
-            inner: dict[str, Any] = {}
-            _add(inner, part, rows, mask)
-            info[name] = inner
-        else:
-            info[name] = part.copy() if rows is None else _fill(part, rows)
-        info[f"_{name}"] = mask
+def _masked(info: Mapping[str, Any], mask: Bool) -> dict[str, Any]:
+    """The same entries, all the way down, each with the mask beside it."""
+    result: dict[str, Any] = {}
+    for name, part in info.items():
+        result[name] = _masked(part, mask) if isinstance(part, dict) else part
+        result[f"_{name}"] = mask
+    return result
