@@ -7,8 +7,9 @@ from numpy.typing import NDArray
 
 from relloc_env.estimators.checks import check_array, check_prior, check_samples
 from relloc_env.estimators.config import CascadeConfig
-from relloc_env.kernels import anchors, depth_state, relative_pose
+from relloc_env.kernels import anchors, depth_state, pose_filter, relative_pose
 from relloc_env.kernels import cascade as kernels
+from relloc_env.kernels.lanes import W, blocks, gather, scatter
 from relloc_env.samples import Estimate, Float, Prior, Rows, Samples, ordered_pairs
 
 _MODELS = {
@@ -34,34 +35,23 @@ class Cascade:
     ) -> None:
         self.config = config
         self._pairs = ordered_pairs(robots)
-        pairs = len(self._pairs)
-        n, length = num_envs, message_window
-        self._arrays: dict[str, NDArray[Any]] = {
-            "sample": np.full(n, -2, dtype=np.int64),
-            "depth": np.zeros((n, robots, points, depth_state.SIZE)),
-            "settings": np.tile(_settings(config, robots), (n, 1, 1)),
-            "guess": np.ones((n, robots, points)),
-            "motion": np.zeros((n, length, robots, anchors.MOTION)),
-            "clock": np.zeros((n, length, anchors.CLOCK)),
-            "point": np.zeros((n, length, robots, points, anchors.POINT)),
-            "usable": np.zeros((n, length, robots, points), dtype=np.bool_),
-            "anchor": np.zeros((n, pairs, length + 1 if length > 1 else 1, anchors.ANCHOR)),
-            "received": np.zeros((n, pairs), dtype=np.uint64),
-        }
-        # the same memory as tables: cheaper to index in compiled code
-        tables = {
-            name: array.reshape(-1, array.shape[-1])
-            for name, array in self._arrays.items()
-            if name in {"depth", "settings", "motion", "clock", "point", "anchor"}
-        }
-        self._state = kernels.State(
-            sample=self._arrays["sample"],
-            guess=self._arrays["guess"].reshape(-1),
-            usable=self._arrays["usable"].reshape(-1),
-            received=self._arrays["received"],
-            **tables,
-        )
-        self._sizes = np.array([length, robots, points, pairs], dtype=np.int64)
+        n, pairs = num_envs, len(self._pairs)
+        length = message_window if message_window > 1 else 0
+        shape = kernels.shape(robots, points, pairs, n, length, config.use_unseen)
+        self._sizes = np.array(shape, dtype=np.int64)
+        self._settings = _settings(config, robots)
+        self._gains = np.tile(_gains(config, robots), (n, 1, 1))
+        self._sample = np.full(n, -2, dtype=np.int64)
+        self._table = blocks(n, shape.size)
+        self._received = np.zeros((n, pairs), dtype=np.uint64)
+        self._ring: pose_filter.Ring | None = None
+        if length:
+            self._ring = pose_filter.Ring(
+                motion=np.zeros((n, length, robots, anchors.MOTION)),
+                clock=np.zeros((n, length, anchors.CLOCK)),
+                point=np.zeros((n, length, robots, points, anchors.POINT)),
+                anchor=np.zeros((n, pairs, length + 1, anchors.ANCHOR)),
+            )
         v_sd, w_sd = config.odometry_noise
         options = anchors.FilterOptions(
             model=_MODELS[config.pose_model],
@@ -75,7 +65,6 @@ class Cascade:
             hold_w=config.unheard_sd[1] ** 2,
         )
         self._options = np.array(options, dtype=np.float64)
-        self._use_unseen = config.use_unseen
         self._estimate = Estimate(
             points=np.zeros((n, robots, points, 3)),
             points_covariance=np.zeros((n, robots, points, 3, 3)),
@@ -87,8 +76,8 @@ class Cascade:
 
     @property
     def gains(self) -> Float:
-        """(N, R, 2) gains H [1/s] and alpha Lambda of each robot, a live view: write to it to change them."""
-        return self._arrays["settings"][:, :, :2]
+        """(N, R, 2) gains H [1/s] and alpha Lambda of each robot, a live array: write to it to change them."""
+        return self._gains
 
     @property
     def estimate(self) -> Estimate:
@@ -97,10 +86,11 @@ class Cascade:
 
     def reset(self, prior: Prior, rows: Rows) -> None:
         """Forget everything about the environments `rows`, gains apart, and start from `prior`."""
-        check_prior(prior, *self._arrays["guess"].shape)
+        check_prior(prior, *self._estimate.known.shape)
         status = kernels.reset(
-            prior.depth, prior.pose, float(prior.depth_sd), prior.pose_sd, self._sizes, *self._state, rows
-        )
+            prior.depth, prior.pose, float(prior.depth_sd), prior.pose_sd,
+            self._sizes, self._sample, self._table, self._received, self._ring, rows,
+        )  # fmt: skip
         if status:
             self._raise(status)
         self._show(rows)
@@ -108,77 +98,79 @@ class Cascade:
     def update(self, samples: Samples, rows: Rows) -> None:
         """Take the K samples in, in order."""
         if samples is not self._checked:
-            check_samples(samples, *self._arrays["guess"].shape)
+            check_samples(samples, *self._estimate.known.shape)
             self._checked = samples
         status = kernels.update(
-            *samples, self._pairs, self._options, self._use_unseen, self._sizes, *self._state, *self._estimate, rows
-        )
+            *samples, self._pairs, self._options, self._settings, self._gains,
+            self._sizes, self._sample, self._table, self._received, self._ring, *self._estimate, rows,
+        )  # fmt: skip
         if status:
             self._raise(status)
 
     def get_state(self, rows: Rows) -> dict[str, NDArray[Any]]:
         """Copies of all that the estimator remembers of `rows`; every array has the rows as its first axis."""
-        return {name: array[rows] for name, array in self._arrays.items()}
+        state: dict[str, NDArray[Any]] = {name: array[rows] for name, array in self._arrays().items()}
+        return state | {"numbers": gather(self._table, rows)}
 
     def set_state(self, state: dict[str, NDArray[Any]], rows: Rows) -> None:
         """Put back what `get_state` gave for as many rows, bit for bit."""
-        if state.keys() != self._arrays.keys():
-            raise ValueError(f"Argument `state` must have the keys {sorted(self._arrays)}, but has {sorted(state)}.")
-        for name, array in self._arrays.items():
+        arrays = self._arrays()
+        if state.keys() != arrays.keys() | {"numbers"}:
+            known = sorted([*arrays, "numbers"])
+            raise ValueError(f"Argument `state` must have the keys {known}, but has {sorted(state)}.")
+        for name, array in arrays.items():
             check_array(f"state[{name!r}]", state[name], array.dtype, (len(rows), *array.shape[1:]))
-        for name, array in self._arrays.items():
+        numbers = state["numbers"]
+        check_array("state['numbers']", numbers, self._table.dtype, (len(rows), self._table.shape[1] // W))
+        for name, array in arrays.items():
             array[rows] = state[name]
+        scatter(self._table, rows, numbers)
         self._show(rows)
 
+    def _arrays(self) -> dict[str, NDArray[Any]]:
+        """What is remembered beside the blocks."""
+        arrays: dict[str, NDArray[Any]] = {"sample": self._sample, "gains": self._gains, "received": self._received}
+        return arrays if self._ring is None else arrays | self._ring._asdict()
+
     def _show(self, rows: Rows) -> None:
-        state = self._state
         kernels.show(
-            *self._estimate,
-            self._pairs,
-            self._options,
-            self._sizes,
-            state.sample,
-            state.depth,
-            state.motion,
-            state.clock,
-            state.anchor,
-            state.received,
-            rows,
-        )
+            self._pairs, self._options, self._sizes, self._sample, self._table, self._received,
+            self._ring, *self._estimate, rows,
+        )  # fmt: skip
 
     def _raise(self, status: int) -> None:
         if status == kernels.ROW_OUT_OF_RANGE:
-            raise IndexError(f"Argument `rows` must lie in [0, {len(self._state.sample)}), but does not.")
+            raise IndexError(f"Argument `rows` must lie in [0, {len(self._sample)}), but does not.")
         if status == kernels.NOT_RESET:
             raise RuntimeError("The estimator must be reset before it is updated: some of `rows` never were.")
         if status == kernels.MESSAGE_TOO_OLD:
-            window = self._sizes[0]
+            window = max(1, self._sizes[4])
             raise ValueError(
                 f"Argument `samples.arrived` must have ages below the message window, {window} samples, but has older."
             )
 
 
 def _settings(config: CascadeConfig, robots: int) -> Float:
-    """Return the (R, 12) settings of the depth observers."""
+    """Return the (R, 9) settings of the depth observers."""
     v_sd, w_sd = config.odometry_noise
-    rows = [
-        depth_state.Settings(
-            h=h,
-            alpha_lambda=alpha_lambda,
-            critical=float(config.damping == "critical"),
-            floor=config.h_floor,
-            z_min=config.z_min,
-            z_max=config.z_max,
-            max_gap=config.max_gap,
-            image_sd=config.image_noise,
-            v_sd=v_sd,
-            w_sd=w_sd,
-        )
-        for h, alpha_lambda in zip(
-            _each("h", config.h, robots), _each("alpha_lambda", config.alpha_lambda, robots), strict=True
-        )
-    ]
-    return np.array(rows, dtype=np.float64)
+    settings = depth_state.Settings(
+        critical=float(config.damping == "critical"),
+        floor=config.h_floor,
+        z_min=config.z_min,
+        z_max=config.z_max,
+        max_gap=config.max_gap,
+        image_sd=config.image_noise,
+        v_sd=v_sd,
+        lateral_sd=0.0,
+        w_sd=w_sd,
+    )
+    return np.array([settings] * robots, dtype=np.float64)
+
+
+def _gains(config: CascadeConfig, robots: int) -> Float:
+    """Return the (R, 2) gains H and alpha Lambda."""
+    pairs = zip(_each("h", config.h, robots), _each("alpha_lambda", config.alpha_lambda, robots), strict=True)
+    return np.array(list(pairs), dtype=np.float64)
 
 
 def _each(name: str, gain: float | tuple[float, ...], robots: int) -> tuple[float, ...]:

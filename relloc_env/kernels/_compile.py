@@ -37,11 +37,17 @@ def kernel(function: F) -> F:
 
 def inlined(function: F) -> F:
     """The same, and compiled into each kernel that calls it: for small functions in the innermost loops."""
-    return _compile(function, force=True)
+    return _compile(function, forceinline=True)
 
 
-def _compile(function: F, *, force: bool = False) -> F:
-    compiled: Any = numba.njit(nogil=True, error_model="numpy", fastmath=False, forceinline=force)(function)
+def inner(function: F) -> F:
+    """The same, for kernels to call alone: what Python would call is left out, which compiles quicker."""
+    return _compile(function, no_cpython_wrapper=True)
+
+
+def _compile(function: F, **extra: bool) -> F:
+    options: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": False, "no_cfunc_wrapper": True}
+    compiled: Any = numba.njit(**options, **extra)(function)
     cache: _KernelCache | _NoCache
     try:
         cache = _KernelCache(function)

@@ -1,31 +1,44 @@
 """Anchors of the pose filter: what is remembered between two updates, and the prediction from one to the next.
 
-The arrays are tables: rows of numbers, one row per element of the leading axes (row-major), for P pairs:
-
-- `motion` (N, L, R; 14): dead reckoning x, y, theta, cos theta, sin theta; velocity v, l, w; covariance of the dead
-  reckoning, carried in the frame where it began (upper triangle), so that the difference of two is what the motion
-  between them added.
-- `clock` (N, L; 2): time since the start, and the number of samples since then over which time passed.
-- `point` (N, L, R, M; 5): q_x, q_y and its covariance xx, xy, yy, in the body frame; `usable` (N, L, R, M): bool.
-- `anchor` (N, P, L + 1; 38), (N, P, 1; 38) if L is 1: xi, its covariance; time and sample count; dead reckoning of A
-  (5), of B (5); velocity of B; covariance of the dead reckoning of A (6), of B (6); cos and sin of theta. The last
-  row of a pair is the anchor before the ring.
-- `received` (N, P): bit j tells whether the message of age j has been taken in.
+Everything here works on a workspace (`kernels.lanes`): the places below are those of lane 0. An anchor is xi, its
+covariance; its time and sample count; the dead reckoning of A and of B then; the velocity of B; the covariance of both
+dead reckonings; cosine and sine of theta. The motion of a robot is its dead reckoning x, y, theta, cos theta, sin
+theta; its velocity v, l, w; and the covariance of its dead reckoning, carried in the frame where it began (upper
+triangle), so that the difference of two is what the motion between them added.
 """
 
-import math
 from typing import NamedTuple
 
-import numpy as np
-
+from relloc_env.kernels import depth_state as ds
 from relloc_env.kernels import relative_pose as rp
-from relloc_env.kernels._compile import kernel
+from relloc_env.kernels._compile import inlined, inner
+from relloc_env.kernels.elementary import sin_cos
+from relloc_env.kernels.lanes import W
 from relloc_env.kernels.motion import arc
 
-MOTION, CLOCK, POINT, ANCHOR = 14, 2, 5, 38
+MOTION, CLOCK, ANCHOR, POINT = 14, 2, 38, 6
+"""Numbers of a motion; of the clock: time [s] and samples since the start over which time passed; of an anchor; and
+of a point: q_x, q_y in the plane of the body, their covariance xx, xy, yy, and whether it may be used."""
 
-# first columns within an anchor
-TIME, STEPS, OWN, OTHER, SPEED, OWN_NOISE, OTHER_NOISE, COS, SIN = 9, 10, 11, 16, 21, 24, 30, 36, 37
+_TIME, _STEPS, _OWN, _OTHER, _SPEED = 9 * W, 10 * W, 11 * W, 16 * W, 21 * W
+_OWN_NOISE, _OTHER_NOISE, _COS, _SIN = 24 * W, 30 * W, 36 * W, 37 * W
+_X, _Y, _THETA, _M_COS, _M_SIN, _V, _LATERAL, _YAW_RATE, _NOISE = (k * W for k in range(9))
+
+# Places in the workspace, after those of `depth_state`.
+BASE = ds.WORKSPACE * W
+"""The anchor."""
+OWN, OTHER = BASE + ANCHOR * W, BASE + (ANCHOR + MOTION) * W
+"""Motions of A and B."""
+NOW = OTHER + MOTION * W
+"""The clock."""
+OWN_POINT, OTHER_POINT = NOW + CLOCK * W, NOW + (CLOCK + POINT) * W
+"""A point as A and as B knows it."""
+HEARD = OTHER_POINT + POINT * W
+"""1 where the message of this sample has come, else 0."""
+POSE = HEARD + W
+"""The pose now (3) and its covariance (6)."""
+WORKSPACE = POSE // W + 9
+"""Numbers in a workspace."""
 
 
 class FilterOptions(NamedTuple):
@@ -51,140 +64,75 @@ class FilterOptions(NamedTuple):
     """[rad²/s²] the same for its yaw rate."""
 
 
-@kernel
+@inner
 def filter_options(numbers):
     """FilterOptions from a float64 array of the same order (quicker to hand over than a tuple)."""
     n = numbers
     return FilterOptions(int(n[0]), n[1] != 0.0, n[2], n[3] != 0.0, n[4], n[5], n[6], n[7], n[8])
 
 
-class Sizes(NamedTuple):
-    """Sizes that the tables do not show."""
+@inner
+def reckon(t, var_v, var_w, width):
+    """Carry the dead reckoning of a robot, at `OWN`, over one sample (the interval of `depth_state`), in all lanes.
 
-    length: int
-    """L, of the ring."""
-    robots: int
-    """R"""
-    points: int
-    """M"""
-    pairs: int
-    """P"""
-
-
-class Tables(NamedTuple):
-    """Tables of the filter; see the top of this file.
-
-    Kernels that run once per sample take them one by one: taking an array out of a tuple counts references, which
-    costs as much as a good part of an update.
+    Fills in the arc of that interval too.
     """
-
-    motion: np.ndarray
-    clock: np.ndarray
-    point: np.ndarray
-    usable: np.ndarray
-    anchor: np.ndarray
-    received: np.ndarray
-
-
-@kernel
-def first_anchor(e, p, sizes):
-    """Index of the anchor in row 0 of the ring, of pair `p` of environment `e`; that before the ring is L later."""
-    return (e * sizes.pairs + p) * (sizes.length + 1 if sizes.length > 1 else 1)
-
-
-@kernel
-def start(e, prior, sd, sizes, tables):
-    """Start environment `e` from the prior poses (N, P, 3) with standard deviations sd (3,)."""
-    length = sizes.length
-    per = length * sizes.robots
-    tables.motion[e * per : (e + 1) * per] = 0.0
-    tables.motion[e * per : (e + 1) * per, 3] = 1.0
-    tables.clock[e * length : (e + 1) * length] = 0.0
-    per *= sizes.points
-    tables.point[e * per : (e + 1) * per] = 0.0
-    tables.usable[e * per : (e + 1) * per] = False
-    tables.received[e] = 0
-    for p in range(sizes.pairs):
-        first = first_anchor(e, p, sizes)
-        base = first + length if length > 1 else first
-        anchor = tables.anchor
-        anchor[first : base + 1] = 0.0
-        for i in range(3):
-            anchor[base, i] = prior[e, p, i]
-        anchor[base, 3], anchor[base, 6], anchor[base, 8] = sd[0] ** 2, sd[1] ** 2, sd[2] ** 2
-        anchor[base, OWN + 3] = 1.0
-        anchor[base, OTHER + 3] = 1.0
-
-
-@kernel
-def move(motion, old, new, v, lateral, w, dt, c_x, c_y, delta, cos_d, sin_d, options):
-    """Carry the dead reckoning of a robot over one sample.
-
-    Args:
-        motion: table; old, new: its rows before and after, may be the same.
-        v, lateral, w: [m/s, m/s, rad/s] measured velocity.
-        dt: [s] length of the interval.
-        c_x, c_y, delta, cos_d, sin_d: its arc: chord [m], turn [rad], cosine and sine of the turn.
-        options: FilterOptions.
-    """
-    theta, cos, sin = motion[old, 2], motion[old, 3], motion[old, 4]
-    x, y = motion[old, 0] + cos * c_x - sin * c_y, motion[old, 1] + sin * c_x + cos * c_y
-    cos, sin = cos * cos_d - sin * sin_d, sin * cos_d + cos * sin_d
-    unit = 1.5 - 0.5 * (cos * cos + sin * sin)
-    cos, sin = cos * unit, sin * unit
-    motion[new, 0], motion[new, 1], motion[new, 2], motion[new, 3], motion[new, 4] = x, y, theta + delta, cos, sin
-    motion[new, 5], motion[new, 6], motion[new, 7] = v, lateral, w
-    if options.from_odometry:
+    for i in range(width):
+        v, lateral, w, dt = t[i + ds.V], t[i + ds.LATERAL], t[i + ds.YAW_RATE], t[i + ds.DT]
+        c_x, c_y, delta = arc(v, lateral, w, dt)
+        sin_d, cos_d = sin_cos(delta)
+        t[i + ds.CHORD_X], t[i + ds.CHORD_Y], t[i + ds.DELTA] = c_x, c_y, delta
+        t[i + ds.COS], t[i + ds.SIN] = cos_d, sin_d
+        m = i + OWN
+        cos, sin = t[m + _M_COS], t[m + _M_SIN]
+        x, y = t[m + _X] + cos * c_x - sin * c_y, t[m + _Y] + sin * c_x + cos * c_y
+        cos, sin = cos * cos_d - sin * sin_d, sin * cos_d + cos * sin_d
+        unit = 1.5 - 0.5 * (cos * cos + sin * sin)
+        cos, sin = cos * unit, sin * unit
+        t[m + _X], t[m + _Y], t[m + _THETA] = x, y, t[m + _THETA] + delta
+        t[m + _M_COS], t[m + _M_SIN] = cos, sin
+        t[m + _V], t[m + _LATERAL], t[m + _YAW_RATE] = v, lateral, w
         a_x, a_y, b_x, b_y = rp.arc_jacobian(v, lateral, w, dt)
         # from the body frame at the end to the frame where dead reckoning began: e = [[R, -J p], [0, 1]] n
         a_x, a_y = cos * a_x - sin * a_y, sin * a_x + cos * a_y
         b_x, b_y = cos * b_x - sin * b_y + dt * y, sin * b_x + cos * b_y - dt * x
-        nxx, nxy, nxt, nyy, nyt, ntt = rp.displacement_noise(a_x, a_y, b_x, b_y, dt, options.var_v, options.var_w)
-        motion[new, 8], motion[new, 9], motion[new, 10] = (
-            motion[old, 8] + nxx,
-            motion[old, 9] + nxy,
-            motion[old, 10] + nxt,
-        )
-        motion[new, 11], motion[new, 12], motion[new, 13] = (
-            motion[old, 11] + nyy,
-            motion[old, 12] + nyt,
-            motion[old, 13] + ntt,
-        )
+        added = rp.displacement_noise(a_x, a_y, b_x, b_y, dt, var_v, var_w)
+        ds.put_six(t, m + _NOISE, _sum(ds.six(t, m + _NOISE), added))
 
 
-@kernel
-def between(anchor, i, first, motion, j):
-    """Displacement from the dead reckoning in row `i` of `anchor`, columns from `first` on, to row `j` of `motion`.
+@inlined
+def _sum(a, b):
+    """Sum of two covariances."""
+    return a[0] + b[0], a[1] + b[1], a[2] + b[2], a[3] + b[3], a[4] + b[4], a[5] + b[5]
+
+
+@inlined
+def _between(t, a, m):
+    """Displacement from the dead reckoning at `a` (within an anchor) to that of the motion at `m`.
 
     Returns:
         (c_x, c_y, delta, cos, sin): [m, m, rad, -, -] chord and turn, cosine and sine of the turn.
     """
-    d_x, d_y = motion[j, 0] - anchor[i, first], motion[j, 1] - anchor[i, first + 1]
-    cos0, sin0 = anchor[i, first + 3], anchor[i, first + 4]
-    cos1, sin1 = motion[j, 3], motion[j, 4]
+    d_x, d_y = t[m + _X] - t[a + _X], t[m + _Y] - t[a + _Y]
+    cos0, sin0 = t[a + _M_COS], t[a + _M_SIN]
+    cos1, sin1 = t[m + _M_COS], t[m + _M_SIN]
     return (
         cos0 * d_x + sin0 * d_y,
         cos0 * d_y - sin0 * d_x,
-        motion[j, 2] - anchor[i, first + 2],
+        t[m + _THETA] - t[a + _THETA],
         cos0 * cos1 + sin0 * sin1,
         cos0 * sin1 - sin0 * cos1,
     )
 
 
-@kernel
-def added_noise(anchor, i, first, motion, j):
-    """What the motion from row `i` of `anchor` to row `j` of `motion` added to the covariance of dead reckoning."""
-    return (
-        motion[j, 8] - anchor[i, first],
-        motion[j, 9] - anchor[i, first + 1],
-        motion[j, 10] - anchor[i, first + 2],
-        motion[j, 11] - anchor[i, first + 3],
-        motion[j, 12] - anchor[i, first + 4],
-        motion[j, 13] - anchor[i, first + 5],
-    )
+@inlined
+def _added(t, a, m):
+    """What the motion from an anchor (noise at `a`) to `m` added to the covariance of dead reckoning."""
+    b, c = ds.six(t, m + _NOISE), ds.six(t, a)
+    return b[0] - c[0], b[1] - c[1], b[2] - c[2], b[3] - c[3], b[4] - c[4], b[5] - c[5]
 
 
-@kernel
+@inlined
 def held_noise(c_x, c_y, cos_h, sin_h, dt, var_v, var_w, hold_v, hold_w):
     """Noise of a displacement predicted with a held velocity, in the body frame at its start.
 
@@ -214,53 +162,97 @@ def held_noise(c_x, c_y, cos_h, sin_h, dt, var_v, var_w, hold_v, hold_w):
     )
 
 
-@kernel
-def leap(anchor, i, motion, own, other, held, time, steps, options):
-    """Predict from an anchor to a sample of the ring: pose and covariance there.
+@inlined
+def leap(t, i, held, options):
+    """Predict from the anchor to the time of the clock, lane `i`.
 
     Args:
-        anchor, i: table, and its row to start from.
-        motion, own, other: table, and its rows of A and of B at the sample.
-        held: whether B's motion up to the sample is unknown: its last known velocity is held, `other` is not read.
-        time, steps: [s] and count of the sample (see `clock`).
+        t: workspace.
+        i: lane.
+        held: whether B's motion is unknown: its last known velocity is held, `OTHER` is not read.
         options: FilterOptions.
 
     Returns:
-        (r_x, r_y, theta, cos, sin, pxx, pxy, pxt, pyy, pyt, ptt): cos and sin of the predicted theta.
+        (r_x, r_y, theta, cos, sin, six numbers): the pose, cosine and sine of its theta, its covariance.
     """
-    dt, steps = time - anchor[i, TIME], steps - anchor[i, STEPS]
-    c_ax, c_ay, delta_a, cos_a, sin_a = between(anchor, i, OWN, motion, own)
+    a, own, other = i + BASE, i + OWN, i + OTHER
+    dt, steps = t[i + NOW] - t[a + _TIME], t[i + NOW + W] - t[a + _STEPS]
+    c_ax, c_ay, delta_a, cos_a, sin_a = _between(t, a + _OWN, own)
     if held:
-        c_bx, c_by, delta_b = arc(anchor[i, SPEED], anchor[i, SPEED + 1], anchor[i, SPEED + 2], dt)
-        cos_b, sin_b = math.cos(delta_b), math.sin(delta_b)
+        c_bx, c_by, delta_b = arc(t[a + _SPEED], t[a + _SPEED + W], t[a + _SPEED + 2 * W], dt)
+        sin_b, cos_b = sin_cos(delta_b)
     else:
-        c_bx, c_by, delta_b, cos_b, sin_b = between(anchor, i, OTHER, motion, other)
-    cos_t, sin_t = math.cos(anchor[i, 2]), math.sin(anchor[i, 2])
+        c_bx, c_by, delta_b, cos_b, sin_b = _between(t, a + _OTHER, other)
+    cos_t, sin_t = t[a + _COS], t[a + _SIN]
     r_x, r_y, theta, d_x, d_y = rp.predict_rotated(
-        anchor[i, 0], anchor[i, 1], anchor[i, 2], cos_t, sin_t, c_ax, c_ay, delta_a, cos_a, sin_a, c_bx, c_by, delta_b
+        t[a], t[a + W], t[a + 2 * W], cos_t, sin_t, c_ax, c_ay, delta_a, cos_a, sin_a, c_bx, c_by, delta_b
     )
-    pxx, pxy, pxt, pyy, pyt, ptt = rp.propagate(
-        cos_a, sin_a, -d_y, d_x, anchor[i, 3], anchor[i, 4], anchor[i, 5], anchor[i, 6], anchor[i, 7], anchor[i, 8]
-    )
+    p = rp.propagate(cos_a, sin_a, -d_y, d_x, ds.six(t, a + 3 * W))
     cos_d, sin_d = cos_a * cos_b + sin_a * sin_b, cos_a * sin_b - sin_a * cos_b
     cos, sin = cos_t * cos_d - sin_t * sin_d, sin_t * cos_d + cos_t * sin_d
+    unit = 1.5 - 0.5 * (cos * cos + sin * sin)
+    cos, sin = cos * unit, sin * unit
     if options.from_odometry:
-        n = added_noise(anchor, i, OWN_NOISE, motion, own)
-        n = rp.noise_of_a(r_x, r_y, motion[own, 0], motion[own, 1], motion[own, 3], motion[own, 4], *n)
-        pxx, pxy, pxt, pyy, pyt, ptt = pxx + n[0], pxy + n[1], pxt + n[2], pyy + n[3], pyt + n[4], ptt + n[5]
+        n = _added(t, a + _OWN_NOISE, own)
+        p = _sum(p, rp.noise_of_a(r_x, r_y, t[own + _X], t[own + _Y], t[own + _M_COS], t[own + _M_SIN], n))
         if not held:
-            n = added_noise(anchor, i, OTHER_NOISE, motion, other)
-            x, y, cos_o, sin_o = motion[other, 0], motion[other, 1], motion[other, 3], motion[other, 4]
-            n = rp.noise_of_b(cos, sin, x, y, cos_o, sin_o, *n)
-            pxx, pxy, pxt, pyy, pyt, ptt = pxx + n[0], pxy + n[1], pxt + n[2], pyy + n[3], pyt + n[4], ptt + n[5]
+            n = _added(t, a + _OTHER_NOISE, other)
+            x, y, cos_o, sin_o = t[other + _X], t[other + _Y], t[other + _M_COS], t[other + _M_SIN]
+            p = _sum(p, rp.noise_of_b(cos, sin, x, y, cos_o, sin_o, n))
     else:
         noise = options.process * steps
-        pxx, pyy, ptt = pxx + noise, pyy + noise, ptt + noise
+        p = _sum(p, (noise, 0.0, 0.0, noise, 0.0, noise))
     if held:
         square = dt * dt / steps if options.from_odometry and steps > 0.0 else 0.0
-        cos_h, sin_h = math.cos(0.5 * delta_b), math.sin(0.5 * delta_b)
+        sin_h, cos_h = sin_cos(0.5 * delta_b)
         var_v, var_w = options.var_v * square, options.var_w * square
         n = held_noise(c_bx, c_by, cos_h, sin_h, dt, var_v, var_w, options.hold_v, options.hold_w)
-        n = rp.noise_of_b(cos, sin, c_bx, c_by, cos_b, sin_b, *n)
-        pxx, pxy, pxt, pyy, pyt, ptt = pxx + n[0], pxy + n[1], pxt + n[2], pyy + n[3], pyt + n[4], ptt + n[5]
-    return r_x, r_y, theta, cos, sin, pxx, pxy, pxt, pyy, pyt, ptt
+        p = _sum(p, rp.noise_of_b(cos, sin, c_bx, c_by, cos_b, sin_b, n))
+    return r_x, r_y, theta, cos, sin, p
+
+
+@inlined
+def move_anchor(t, i, options):
+    """Put the anchor of lane `i` at the time of the clock, where a message of B was made; its points are to come."""
+    a, own, other = i + BASE, i + OWN, i + OTHER
+    t[a], t[a + W], t[a + 2 * W], t[a + _COS], t[a + _SIN], p = leap(t, i, False, options)
+    ds.put_six(t, a + 3 * W, p)
+    t[a + _TIME], t[a + _STEPS] = t[i + NOW], t[i + NOW + W]
+    _take_over(t, a + _OWN, own)
+    _take_over(t, a + _OTHER, other)
+    v, to = other + _V, a + _SPEED
+    t[to], t[to + W], t[to + 2 * W] = t[v], t[v + W], t[v + 2 * W]
+    ds.put_six(t, a + _OWN_NOISE, ds.six(t, own + _NOISE))
+    ds.put_six(t, a + _OTHER_NOISE, ds.six(t, other + _NOISE))
+
+
+@inlined
+def _take_over(t, a, m):
+    """Copy the dead reckoning of a motion into an anchor."""
+    t[a], t[a + W], t[a + 2 * W], t[a + 3 * W], t[a + 4 * W] = t[m], t[m + W], t[m + 2 * W], t[m + 3 * W], t[m + 4 * W]
+
+
+@inlined
+def take_point(t, i, options):
+    """Take the point into the anchor of lane `i`, where it has been heard from B and both robots may use the point."""
+    a, own, other, p, q = i + BASE, i + OWN, i + OTHER, i + OWN_POINT, i + OTHER_POINT
+    use = (t[i + HEARD] != 0.0) & (t[p + 5 * W] != 0.0) & (t[q + 5 * W] != 0.0)
+    cos, sin, w_a = t[a + _COS], t[a + _SIN], t[own + _YAW_RATE]
+    old = ds.six(t, a + 3 * W)
+    y_0, y_1, h_0x, h_0y, h_0t, h_1x, h_1y, h_1t = rp.observe(
+        options.model, t[a], t[a + W], cos, sin, t[p], t[p + W], t[q], t[q + W],
+        t[own + _V], t[own + _LATERAL], w_a, t[other + _V], t[other + _LATERAL],
+    )  # fmt: skip
+    n_xx, n_xy, n_yy = options.variance, 0.0, options.variance
+    if options.from_depth:
+        n_xx, n_xy, n_yy = rp.observe_covariance(
+            options.model, cos, sin, w_a, t[p + 2 * W], t[p + 3 * W], t[p + 4 * W],
+            t[q + 2 * W], t[q + 3 * W], t[q + 4 * W], options.variance,
+        )  # fmt: skip
+    r_x, r_y, theta, pxx, pxy, pxt, pyy, pyt, ptt = rp.correct(
+        t[a], t[a + W], t[a + 2 * W], old, y_0, y_1, h_0x, h_0y, h_0t, h_1x, h_1y, h_1t, n_xx, n_xy, n_yy
+    )
+    sin_new, cos_new = sin_cos(theta)
+    t[a], t[a + W], t[a + 2 * W] = r_x if use else t[a], r_y if use else t[a + W], theta if use else t[a + 2 * W]
+    ds.put_six(t, a + 3 * W, ds.choose(use, (pxx, pxy, pxt, pyy, pyt, ptt), old))
+    t[a + _COS], t[a + _SIN] = cos_new if use else cos, sin_new if use else sin

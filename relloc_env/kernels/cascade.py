@@ -1,4 +1,8 @@
-"""The cascade over a batch: depth observers of every robot and point, then the pose filter of every ordered pair."""
+"""The cascade over a batch: depth observers of every robot and point, then the pose filter of every ordered pair.
+
+The state of `W` environments is a block (`kernels.lanes`). For one sample of a block, each point and then each pair
+is copied to a workspace, worked on in all lanes, and copied back.
+"""
 
 import math
 from typing import NamedTuple
@@ -8,78 +12,138 @@ import numpy as np
 from relloc_env.kernels import anchors as an
 from relloc_env.kernels import depth_state as ds
 from relloc_env.kernels import pose_filter as pf
-from relloc_env.kernels._compile import kernel
+from relloc_env.kernels._compile import inlined, inner, kernel
 from relloc_env.kernels.depth_covariance import body_to_polar
-from relloc_env.kernels.motion import arc
-
-DEPTH_SD = ds.Settings._fields.index("depth_sd")
-"""Column of `settings`."""
+from relloc_env.kernels.elementary import atan2
+from relloc_env.kernels.lanes import W, copy
 
 OK, ROW_OUT_OF_RANGE, MESSAGE_TOO_OLD, NOT_RESET = 0, 1, 2, 3
 
-
-class State(NamedTuple):
-    """All that the cascade remembers of N environments; tables have one row per element of the leading axes."""
-
-    sample: np.ndarray
-    """(N,) int64 number of the last sample; -1 after a reset, -2 before it."""
-    depth: np.ndarray
-    """(N R M, depth_state.SIZE) depth observers."""
-    settings: np.ndarray
-    """(N R, 12) `depth_state.Settings`; the first two columns are the gains."""
-    guess: np.ndarray
-    """[m] (N R M,) depth guesses."""
-    motion: np.ndarray
-    """This and the following: `anchors.Tables`."""
-    clock: np.ndarray
-    point: np.ndarray
-    usable: np.ndarray
-    anchor: np.ndarray
-    received: np.ndarray
+_POLAR = an.WORKSPACE * W
+"""Place of a point in polar form (3) and its covariance (6)."""
+_WORKSPACE = an.WORKSPACE + 9
+_NOW = ds.TIME // W
+"""Count of the numbers of a point that are about now."""
 
 
-@kernel
-def in_range(rows, num_envs):
+class Shape(NamedTuple):
+    """Sizes, and where things are in a block: places of lane 0, of the first of each kind."""
+
+    robots: int
+    points: int
+    pairs: int
+    num_envs: int
+    ring: int
+    """L, of the ring; 0 for none."""
+    use_unseen: int
+    """Whether remembered points take part in the pose update."""
+    width: int
+    """Lanes of a block."""
+    guess: int
+    """R M numbers: depth guesses [m]."""
+    depth_sd: int
+    """1 number [m]: standard deviation of the guesses."""
+    clock: int
+    """2 numbers."""
+    motion: int
+    """R motions."""
+    depth: int
+    """R M depth observers."""
+    anchor: int
+    """P anchors; none where there is a ring."""
+    size: int
+    """Numbers of an environment."""
+
+
+def shape(robots: int, points: int, pairs: int, num_envs: int, ring: int, use_unseen: bool) -> Shape:
+    """Lay out a block."""
+    places = [0]
+    for numbers in (robots * points, 1, an.CLOCK, robots * an.MOTION, robots * points * ds.SIZE):
+        places.append(places[-1] + numbers * W)
+    size = places[-1] // W + (0 if ring else pairs * an.ANCHOR)
+    return Shape(robots, points, pairs, num_envs, ring, int(use_unseen), W, *places, size)
+
+
+@inner
+def _shape(s):
+    """Shape from an int64 array (quicker to hand over than a tuple)."""
+    return Shape(s[0], s[1], s[2], s[3], s[4], s[5], s[6], s[7], s[8], s[9], s[10], s[11], s[12], s[13])
+
+
+@inner
+def _in_range(rows, num_envs):
     """Whether all `rows` are environments."""
-    return rows.size == 0 or (rows.min() >= 0 and rows.max() < num_envs)
+    beyond = 0
+    for n in rows:
+        beyond += n < 0 or n >= num_envs
+    return beyond == 0
 
 
 @kernel
-def reset(
-    depth_guess, pose_guess, depth_sd, pose_sd,
-    sizes, sample, depth, settings, guess, motion, clock, point, usable, anchor, received, rows,
-):  # fmt: skip
+def reset(depth_guess, pose_guess, depth_sd, pose_sd, shape, sample, table, received, ring, rows):
     """Start the environments `rows` from a prior.
 
     Args:
         depth_guess, pose_guess, depth_sd, pose_sd: of `samples.Prior`.
-        sizes: (4,) int64, in the order of `anchors.Sizes`.
-        sample, depth, settings, guess, motion, clock, point, usable, anchor, received: `State`, changed in place.
+        shape: int64, in the order of `Shape`.
+        sample: (N,) int64 number of the last sample; -1 after a reset, -2 before it.
+        table: (B, size W) blocks.
+        received: (N, P) uint64, see `pose_filter.listen`.
+        ring: `pose_filter.Ring`, or None where messages come at once or never.
         rows: environments to work on.
 
     Returns:
         OK, or ROW_OUT_OF_RANGE (then nothing was done).
     """
-    if not in_range(rows, sample.shape[0]):
+    s = _shape(shape)
+    if not _in_range(rows, s.num_envs):
         return ROW_OUT_OF_RANGE
-    length, robots, points, pairs = sizes
-    shape = an.Sizes(length, robots, points, pairs)
     for e in rows:
         sample[e] = -1
-        for i in range(robots):
-            r = e * robots + i
-            settings[r, DEPTH_SD] = depth_sd
-            for m in range(points):
-                depth[r * points + m] = 0.0
-                guess[r * points + m] = depth_guess[e, i, m]
-        an.start(e, pose_guess, pose_sd, shape, an.Tables(motion, clock, point, usable, anchor, received))
+        t, lane = table[e // W], e % W
+        for i in range(s.size):
+            t[lane + i * W] = 0.0
+        for i in range(s.robots * s.points):
+            t[lane + s.guess + i * W] = depth_guess[e, i // s.points, i % s.points]
+        t[lane + s.depth_sd] = depth_sd
+        for r in range(s.robots):
+            t[lane + s.motion + r * an.MOTION * W + 3 * W] = 1.0
+        for p in range(s.pairs):
+            received[e, p] = 0
+            if ring is None:
+                _start(t, lane + s.anchor + p * an.ANCHOR * W, np.int64(W), pose_guess[e, p], pose_sd)
+            else:
+                ring.anchor[e, p] = 0.0
+                _start(ring.anchor[e, p, s.ring], lane * 0, np.int64(1), pose_guess[e, p], pose_sd)
     return OK
+
+
+@inner
+def _start(anchor, at, stride, pose, sd):
+    """Write an anchor at the start; it is all zeros."""
+    for k in range(3):
+        anchor[at + k * stride] = pose[k]
+    anchor[at + 3 * stride], anchor[at + 6 * stride], anchor[at + 8 * stride] = sd[0] ** 2, sd[1] ** 2, sd[2] ** 2
+    anchor[at + 14 * stride], anchor[at + 19 * stride] = 1.0, 1.0  # cosines of both dead reckonings
+    anchor[at + 36 * stride], anchor[at + 37 * stride] = math.cos(pose[2]), math.sin(pose[2])
+
+
+@inlined
+def _keep(workspace, at, table, to, size, whole, rows, begin, end):
+    """Copy numbers back to a block: all lanes if `whole`, else those of rows[begin:end]."""
+    if whole:
+        copy(workspace, at, table, to, size)
+    else:
+        for j in range(begin, end):
+            lane = rows[j] % W
+            for i in range(size):
+                table[to + i * W + lane] = workspace[at + i * W + lane]
 
 
 @kernel
 def update(
-    period, odometry, image, seen, arrived, pairs, options, use_unseen,
-    sizes, sample, depth, settings, guess, motion, clock, point, usable, anchor, received,
+    period, odometry, image, seen, arrived, pairs, options, settings, gains,
+    shape, sample, table, received, ring,
     e_points, e_points_covariance, e_known, e_pose, e_pose_covariance, rows,
 ):  # fmt: skip
     """Take all K samples of the environments `rows` in, in order, and refresh the estimate.
@@ -88,158 +152,243 @@ def update(
         period, odometry, image, seen, arrived: `samples.Samples`.
         pairs: (P, 2) ordered pairs (observer, observed).
         options: (9,) float64, in the order of `anchors.FilterOptions`.
-        use_unseen: whether remembered points take part in the pose update.
-        sizes: (4,) int64, in the order of `anchors.Sizes`; P is at most 64.
-        sample, depth, settings, guess, motion, clock, point, usable, anchor, received: `State`, changed in place.
+        settings: (R, 9) float64, `depth_state.Settings` of each robot.
+        gains: [1/s, 1/m²] (N, R, 2) H and alpha Lambda.
+        shape, sample, table, received, ring: as for `reset`.
         e_points, e_points_covariance, e_known, e_pose, e_pose_covariance: `samples.Estimate`, refreshed in place.
-        rows: environments to work on, each once.
+        rows: environments to work on, each once; quickest in ascending order.
 
     Returns:
         OK; ROW_OUT_OF_RANGE or NOT_RESET (then nothing was done); or MESSAGE_TOO_OLD (such messages were left out).
     """
-    if not in_range(rows, sample.shape[0]):
+    s, o = _shape(shape), an.filter_options(options)
+    if not _in_range(rows, s.num_envs):
         return ROW_OUT_OF_RANGE
     for e in rows:
         if sample[e] < -1:
             return NOT_RESET
-    shape, options = an.Sizes(sizes[0], sizes[1], sizes[2], sizes[3]), an.filter_options(options)
-    length, per_env = shape.length, shape.pairs
-    status = OK
-    beyond = ~(np.uint64(0xFFFFFFFFFFFFFFFF) >> np.uint64(64 - length))
-    # the updates of one pair wait for each other, those of a block of environments do not: keep them together
-    block = max(1, min(8, 64 // max(1, per_env)))
-    for begin in range(0, rows.shape[0], block):
-        end = min(begin + block, rows.shape[0])
+    beyond = ~(np.uint64(0xFFFFFFFFFFFFFFFF) >> np.uint64(64 - max(s.ring, 1)))
+    status, t = OK, np.zeros(_WORKSPACE * W)
+    begin = np.int64(0)  # else numba would compile for the number 0, and again for any
+    while begin < rows.shape[0]:
+        block, end = rows[begin] // W, begin + 1
+        while end < rows.shape[0] and rows[end] // W == block:
+            end += 1
+        b = table[block]
+        whole = end - begin == min(W, s.num_envs - block * W)
         for k in range(period.shape[1]):
-            waiting = np.uint64(0)
-            for n in range(begin, end):
-                e = rows[n]
-                now = sample[e] + 1
-                sample[e] = now
-                at = e * length + now % length
-                before = at - 1 if now % length > 0 else at + length - 1
-                dt = period[e, k]
-                clock[at, 0] = clock[before, 0] + dt
-                clock[at, 1] = clock[before, 1] + (1.0 if dt > 0.0 else 0.0)
-                for i in range(shape.robots):
-                    sense(
-                        e, k, i, before, at, dt, options, use_unseen, shape,
-                        odometry, image, seen, depth, settings, guess, motion, point, usable,
-                    )  # fmt: skip
-                for p in range(per_env):
-                    ages = arrived[e, k, p]
-                    if ages & beyond:
+            _tick(t, b, s, period, k, sample, rows, begin, end)
+            for r in range(s.robots):
+                _sense(t, b, s, o, settings, gains, odometry, image, seen, k, r, whole, rows, begin, end)
+            for j in range(begin, end):
+                for p in range(s.pairs):
+                    if arrived[rows[j], k, p] & beyond:
                         status = MESSAGE_TOO_OLD
-                    if pf.listen(
-                        e, p, pairs[p, 0], pairs[p, 1], now, ages, options, shape,
-                        motion, clock, point, usable, anchor, received,
-                    ):  # fmt: skip
-                        waiting |= np.uint64(1) << np.uint64((n - begin) * per_env + p)
-            for m in range(shape.points):
-                for n in range(begin, end):
-                    e = rows[n]
-                    row = sample[e] % length
-                    for p in range(per_env):
-                        if (waiting >> np.uint64((n - begin) * per_env + p)) & np.uint64(1):
-                            pf.take_point(
-                                e, pairs[p, 0], pairs[p, 1], m, an.first_anchor(e, p, shape) + row, row,
-                                options, shape, motion, point, usable, anchor,
-                            )  # fmt: skip
-        for n in range(begin, end):
-            show_environment(
-                rows[n], pairs, options, shape, e_points, e_points_covariance, e_known, e_pose, e_pose_covariance,
-                sample[rows[n]], depth, motion, clock, anchor, received,
-            )  # fmt: skip
+            if ring is None:
+                for p in range(s.pairs):
+                    _listen(t, b, s, o, arrived, received, seen, k, p, pairs, whole, rows, begin, end)
+            else:
+                _listen_ring(t, b, s, o, ring, arrived, received, seen, sample, k, pairs, rows, begin, end)
+        _show_points(t, b, s, e_points, e_points_covariance, e_known, rows, begin, end)
+        if ring is None:
+            _show_poses(t, b, s, o, pairs, sample, received, e_pose, e_pose_covariance, rows, begin, end)
+        else:
+            _show_ring(t, s, o, ring, pairs, sample, received, e_pose, e_pose_covariance, rows, begin, end)
+        begin = end
     return status
 
 
-@kernel
-def sense(
-    e, k, i, before, now, dt, options, use_unseen, sizes,
-    odometry, image, seen, depth, settings, guess, motion, point, usable,
-):  # fmt: skip
-    """Dead reckoning and depth observers of one robot over one sample, and what its message holds.
+@inner
+def _tick(t, b, s, period, k, sample, rows, begin, end):
+    """Carry the clocks to sample k; its interval goes to the workspace."""
+    for j in range(begin, end):
+        e = rows[j]
+        sample[e] += 1
+        dt, lane = period[e, k], e % W
+        t[ds.DT + lane] = dt
+        t[ds.DEPTH_SD + lane] = b[s.depth_sd + lane]
+        b[s.clock + lane] += dt
+        b[s.clock + W + lane] += 1.0 if dt > 0.0 else 0.0
 
-    Args:
-        e, k, i: environment, which of the K samples, robot.
-        before, now: rows of `clock` of the sample before and of this one.
-        dt: [s] length of the interval between them.
-        options, use_unseen: as for `update`.
-        sizes: `anchors.Sizes`.
-        odometry, image, seen: of `samples.Samples`.
-        depth, settings, guess: of `State`.
-        motion, point, usable: of `anchors.Tables`.
-    """
-    robots, points = sizes.robots, sizes.points
-    v, lateral, w = float(odometry[e, k, i, 0]), float(odometry[e, k, i, 1]), float(odometry[e, k, i, 2])
-    c_x, c_y, delta = arc(v, lateral, w, dt)
-    cos, sin = math.cos(delta), math.sin(delta)
-    robot, place = e * robots + i, now * robots + i
-    an.move(motion, before * robots + i, place, v, lateral, w, dt, c_x, c_y, delta, cos, sin, options)
-    for m in range(points):
-        j, to, sees = robot * points + m, place * points + m, seen[e, k, i, m]
-        x, y = float(image[e, k, i, m, 0]), float(image[e, k, i, m, 1])
-        ds.observe_point(depth, j, settings, robot, sees, x, y, guess[j], v, lateral, w, dt, c_x, c_y, cos, sin, True)
-        point[to, 0], point[to, 1] = depth[j, ds.Q_X], depth[j, ds.Q_Y]
-        point[to, 2], point[to, 3] = depth[j, ds.COVARIANCE], depth[j, ds.COVARIANCE + 1]
-        point[to, 4] = depth[j, ds.COVARIANCE + 3]
-        usable[to] = depth[j, ds.KNOWN] != 0.0 and (sees or use_unseen)
+
+@inner
+def _sense(t, b, s, o, settings, gains, odometry, image, seen, k, r, whole, rows, begin, end):
+    """Dead reckoning and depth observers of one robot over one sample."""
+    for j in range(begin, end):
+        e = rows[j]
+        lane = e % W
+        t[ds.V + lane], t[ds.LATERAL + lane] = odometry[e, k, r, 0], odometry[e, k, r, 1]
+        t[ds.YAW_RATE + lane] = odometry[e, k, r, 2]
+        t[ds.GAIN_H + lane], t[ds.GAIN_ALPHA + lane] = gains[e, r, 0], gains[e, r, 1]
+    motion = s.motion + r * an.MOTION * W
+    copy(b, motion, t, an.OWN, an.MOTION)
+    an.reckon(t, o.var_v, o.var_w, s.width)
+    _keep(t, an.OWN, b, motion, an.MOTION, whole, rows, begin, end)
+    for m in range(s.points):
+        point = r * s.points + m
+        for j in range(begin, end):
+            e = rows[j]
+            lane = e % W
+            t[ds.GUESS + lane] = b[s.guess + point * W + lane]
+            t[ds.SEEN + lane] = 1.0 if seen[e, k, r, m] else 0.0
+            t[ds.SEEN_X + lane], t[ds.SEEN_Y + lane] = image[e, k, r, m, 0], image[e, k, r, m, 1]
+        place = s.depth + point * ds.SIZE * W
+        copy(b, place, t, ds.KNOWN, ds.SIZE)
+        ds.observe(t, settings, r, s.width)
+        _keep(t, ds.KNOWN, b, place, ds.SIZE, whole, rows, begin, end)
+
+
+@inner
+def _point(t, to, b, s, seen, k, r, m, rows, begin, end):
+    """Point m as robot r knows it, to the workspace."""
+    place = s.depth + (r * s.points + m) * ds.SIZE * W
+    for i in range(s.width):
+        t[to + i], t[to + W + i] = b[place + ds.Q_X + i], b[place + ds.Q_Y + i]
+        c = place + ds.COVARIANCE + i
+        t[to + 2 * W + i], t[to + 3 * W + i], t[to + 4 * W + i] = b[c], b[c + W], b[c + 3 * W]
+    for j in range(begin, end):
+        e = rows[j]
+        known = b[place + ds.KNOWN + e % W] != 0.0
+        t[to + 5 * W + e % W] = 1.0 if known and (seen[e, k, r, m] or s.use_unseen != 0) else 0.0
+
+
+@inner
+def _listen(t, b, s, o, arrived, received, seen, k, p, pairs, whole, rows, begin, end):
+    """One sample of the pose filter of a pair whose messages come at once or never."""
+    first, second, everyone = pairs[p, 0], pairs[p, 1], True
+    for j in range(begin, end):
+        e = rows[j]
+        received[e, p] = arrived[e, k, p] & np.uint64(1)
+        t[an.HEARD + e % W] = 1.0 if received[e, p] else 0.0
+        everyone &= received[e, p] != 0
+    place = s.anchor + p * an.ANCHOR * W
+    copy(b, place, t, an.BASE, an.ANCHOR)
+    copy(b, s.motion + first * an.MOTION * W, t, an.OWN, an.MOTION)
+    copy(b, s.motion + second * an.MOTION * W, t, an.OTHER, an.MOTION)
+    copy(b, s.clock, t, an.NOW, an.CLOCK)
+    if everyone:
+        pf.move_anchors(t, o, s.width)
+    else:
+        for j in range(begin, end):
+            pf.move_heard(t, o, rows[j] % W)
+    for m in range(s.points):
+        _point(t, an.OWN_POINT, b, s, seen, k, first, m, rows, begin, end)
+        _point(t, an.OTHER_POINT, b, s, seen, k, second, m, rows, begin, end)
+        pf.take_points(t, o, s.width)
+    _keep(t, an.BASE, b, place, an.ANCHOR, whole, rows, begin, end)
+
+
+@inner
+def _listen_ring(t, b, s, o, ring, arrived, received, seen, sample, k, pairs, rows, begin, end):
+    """One sample of the pose filters of all pairs whose messages may be late."""
+    for j in range(begin, end):
+        e = rows[j]
+        _remember(b, s, ring, seen, e, k, sample[e] % s.ring)
+        for p in range(s.pairs):
+            pf.listen(t, e % W, ring, e, p, pairs[p, 0], pairs[p, 1], sample[e], arrived[e, k, p], received, o)
+
+
+@inner
+def _remember(b, s, ring, seen, e, k, row):
+    """Put the present sample of environment e into the ring."""
+    lane = e % W
+    for i in range(an.CLOCK):
+        ring.clock[e, row, i] = b[s.clock + i * W + lane]
+    for r in range(s.robots):
+        for i in range(an.MOTION):
+            ring.motion[e, row, r, i] = b[s.motion + (r * an.MOTION + i) * W + lane]
+        for m in range(s.points):
+            place = s.depth + (r * s.points + m) * ds.SIZE * W + lane
+            point, covariance = ring.point[e, row, r, m], place + ds.COVARIANCE
+            point[0], point[1] = b[place + ds.Q_X], b[place + ds.Q_Y]
+            point[2], point[3], point[4] = b[covariance], b[covariance + W], b[covariance + 3 * W]
+            known = b[place + ds.KNOWN] != 0.0
+            point[5] = 1.0 if known and (seen[e, k, r, m] or s.use_unseen != 0) else 0.0
 
 
 @kernel
 def show(
-    points, points_covariance, known, pose, pose_covariance, pairs, options,
-    sizes, sample, depth, motion, clock, anchor, received, rows,
+    pairs, options, shape, sample, table, received, ring,
+    e_points, e_points_covariance, e_known, e_pose, e_pose_covariance, rows,
 ):  # fmt: skip
-    """Write the estimate of the environments `rows`, see `show_environment`.
-
-    Args:
-        points, points_covariance, known, pose, pose_covariance: `samples.Estimate`, written.
-        pairs, options, sizes: as for `update`.
-        sample, depth, motion, clock, anchor, received: of `State`.
-        rows: environments to work on, in range.
-    """
-    shape, options = an.Sizes(sizes[0], sizes[1], sizes[2], sizes[3]), an.filter_options(options)
-    for e in rows:
-        show_environment(
-            e, pairs, options, shape, points, points_covariance, known, pose, pose_covariance,
-            sample[e], depth, motion, clock, anchor, received,
-        )  # fmt: skip
+    """Write the estimate of the environments `rows` (in range); arguments as for `update`."""
+    t, s, o = np.zeros(_WORKSPACE * W), _shape(shape), an.filter_options(options)
+    for j in range(rows.shape[0]):
+        b = table[rows[j] // W]
+        _show_points(t, b, s, e_points, e_points_covariance, e_known, rows, j, j + 1)
+        if ring is None:
+            _show_poses(t, b, s, o, pairs, sample, received, e_pose, e_pose_covariance, rows, j, j + 1)
+        else:
+            _show_ring(t, s, o, ring, pairs, sample, received, e_pose, e_pose_covariance, rows, j, j + 1)
 
 
-@kernel
-def show_environment(
-    e, pairs, options, shape, points, points_covariance, known, pose, pose_covariance,
-    now, depth, motion, clock, anchor, received,
-):  # fmt: skip
-    """Write the estimate of environment `e`: points in polar form, poses predicted to its last sample `now`."""
-    for i in range(shape.robots):
-        for m in range(shape.points):
-            show_point(e, i, m, (e * shape.robots + i) * shape.points + m, depth, points, points_covariance, known)
-    c = pose_covariance
-    for p in range(shape.pairs):
-        r_x, r_y, theta, pxx, pxy, pxt, pyy, pyt, ptt = pf.present(
-            e, p, pairs[p, 0], pairs[p, 1], now, options, shape, motion, clock, anchor, received
-        )
-        pose[e, p, 0], pose[e, p, 1], pose[e, p, 2] = r_x, r_y, theta
-        c[e, p, 0, 0], c[e, p, 0, 1], c[e, p, 0, 2] = pxx, pxy, pxt
-        c[e, p, 1, 0], c[e, p, 1, 1], c[e, p, 1, 2] = pxy, pyy, pyt
-        c[e, p, 2, 0], c[e, p, 2, 1], c[e, p, 2, 2] = pxt, pyt, ptt
+@inner
+def _show_points(t, b, s, points, covariance, known, rows, begin, end):
+    """Write the points of rows[begin:end], all of one block, in polar form."""
+    for r in range(s.robots):
+        for m in range(s.points):
+            copy(b, s.depth + (r * s.points + m) * ds.SIZE * W, t, ds.KNOWN, _NOW)
+            _polar(t, s.width)
+            for j in range(begin, end):
+                e = rows[j]
+                i = e % W
+                known[e, r, m] = t[ds.KNOWN + i] != 0.0
+                for d in range(3):
+                    points[e, r, m, d] = t[_POLAR + d * W + i]
+                c = covariance
+                xx, xy, xt, yy, yt, tt = ds.six(t, _POLAR + 3 * W + i)
+                c[e, r, m, 0, 0], c[e, r, m, 0, 1], c[e, r, m, 0, 2] = xx, xy, xt
+                c[e, r, m, 1, 0], c[e, r, m, 1, 1], c[e, r, m, 1, 2] = xy, yy, yt
+                c[e, r, m, 2, 0], c[e, r, m, 2, 1], c[e, r, m, 2, 2] = xt, yt, tt
 
 
-@kernel
-def show_point(e, i, m, j, depth, points, points_covariance, known):
-    """Write the estimate of point `m` of robot `i` of environment `e`, row `j` of `depth`."""
-    beta, eta, rho = 0.0, 0.0, 0.0
-    xx, xy, xt, yy, yt, tt = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    known[e, i, m] = depth[j, ds.KNOWN] != 0.0
-    if known[e, i, m]:
-        q_x, q_y, height = depth[j, ds.Q_X], depth[j, ds.Q_Y], depth[j, ds.HEIGHT]
-        rho = 1.0 / math.sqrt(q_x * q_x + q_y * q_y)
-        beta, eta = math.atan2(q_y, q_x), height * rho
-        xx, xy, xt, yy, yt, tt = body_to_polar(q_x, q_y, height, ds.six(depth, j, ds.COVARIANCE))
-    points[e, i, m, 0], points[e, i, m, 1], points[e, i, m, 2] = beta, eta, rho
-    c = points_covariance
-    c[e, i, m, 0, 0], c[e, i, m, 0, 1], c[e, i, m, 0, 2] = xx, xy, xt
-    c[e, i, m, 1, 0], c[e, i, m, 1, 1], c[e, i, m, 1, 2] = xy, yy, yt
-    c[e, i, m, 2, 0], c[e, i, m, 2, 1], c[e, i, m, 2, 2] = xt, yt, tt
+@inlined
+def _show_pose(t, i, e, p, pose, c):
+    """Write a pose and its covariance out of lane i."""
+    for d in range(3):
+        pose[e, p, d] = t[an.POSE + d * W + i]
+    xx, xy, xt, yy, yt, tt = ds.six(t, an.POSE + 3 * W + i)
+    c[e, p, 0, 0], c[e, p, 0, 1], c[e, p, 0, 2] = xx, xy, xt
+    c[e, p, 1, 0], c[e, p, 1, 1], c[e, p, 1, 2] = xy, yy, yt
+    c[e, p, 2, 0], c[e, p, 2, 1], c[e, p, 2, 2] = xt, yt, tt
+
+
+@inner
+def _show_poses(t, b, s, o, pairs, sample, received, pose, covariance, rows, begin, end):
+    """Write the poses of rows[begin:end], all of one block, at their last sample."""
+    for p in range(s.pairs):
+        copy(b, s.anchor + p * an.ANCHOR * W, t, an.BASE, an.ANCHOR)
+        copy(b, s.motion + pairs[p, 0] * an.MOTION * W, t, an.OWN, an.MOTION)
+        copy(b, s.clock, t, an.NOW, an.CLOCK)
+        for j in range(begin, end):
+            e = rows[j]
+            if sample[e] < 0 or received[e, p]:
+                pf.show_anchor(t, e % W)
+            else:
+                pf.show_held(t, e % W, o)
+            _show_pose(t, e % W, e, p, pose, covariance)
+
+
+@inner
+def _show_ring(t, s, o, ring, pairs, sample, received, pose, covariance, rows, begin, end):
+    """The same, where messages may be late."""
+    for p in range(s.pairs):
+        for j in range(begin, end):
+            e = rows[j]
+            pf.present(t, e % W, ring, e, p, pairs[p, 0], pairs[p, 1], sample[e], received, o)
+            _show_pose(t, e % W, e, p, pose, covariance)
+
+
+@inner
+def _polar(t, width):
+    """The point of the workspace in polar form, with its covariance; zeros where it is not known."""
+    for i in range(width):
+        known = t[i + ds.KNOWN] != 0.0
+        q_x, q_y, height = t[i + ds.Q_X], t[i + ds.Q_Y], t[i + ds.HEIGHT]
+        rho = 1.0 / np.sqrt(q_x * q_x + q_y * q_y)
+        t[i + _POLAR] = atan2(q_y, q_x)
+        t[i + _POLAR + W] = height * rho if known else 0.0
+        t[i + _POLAR + 2 * W] = rho if known else 0.0
+        c = body_to_polar(q_x, q_y, height, ds.six(t, i + ds.COVARIANCE))
+        none = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        ds.put_six(t, i + _POLAR + 3 * W, ds.choose(known, c, none))

@@ -3,10 +3,12 @@
 docs/equations.md, section 3. Covariances are six numbers, upper triangle by rows: (aa, ab, ac, bb, bc, cc).
 """
 
-from relloc_env.kernels._compile import kernel
+import numpy as np
+
+from relloc_env.kernels._compile import inlined
 
 
-@kernel
+@inlined
 def congruence(l11, l12, l13, l21, l22, l23, l31, l32, l33, p11, p12, p13, p22, p23, p33):
     """L P Lᵀ (upper triangle) of a 3 by 3 matrix L and a symmetric P."""
     a1, a2, a3 = l11 * p11 + l12 * p12 + l13 * p13, l11 * p12 + l12 * p22 + l13 * p23, l11 * p13 + l12 * p23 + l13 * p33
@@ -22,7 +24,7 @@ def congruence(l11, l12, l13, l21, l22, l23, l31, l32, l33, p11, p12, p13, p22, 
     )
 
 
-@kernel
+@inlined
 def covariance_step(p, x, y, chi, v, lateral, w, dt, h, alpha_lambda, mode, var, var_y, var_v, var_l, var_w):
     """Covariance of (x, y, chi) - (x_hat, y_hat, chi_hat) after `observer_step`, with the same discrete transition.
 
@@ -82,7 +84,7 @@ def covariance_step(p, x, y, chi, v, lateral, w, dt, h, alpha_lambda, mode, var,
     )
 
 
-@kernel
+@inlined
 def image_to_body(x, y, chi, p):
     """Covariance of (q_x, q_y, height) = [1, -x, -y]/chi of a point from that of (x, y, chi), first order."""
     z = 1.0 / chi
@@ -99,7 +101,7 @@ def image_to_body(x, y, chi, p):
     )
 
 
-@kernel
+@inlined
 def body_to_image(q_x, q_y, height, p):
     """Covariance of (x, y, chi) of a point from that of (q_x, q_y, height), first order; q_x > 0."""
     c = 1.0 / q_x
@@ -107,11 +109,11 @@ def body_to_image(q_x, q_y, height, p):
     return congruence(q_y * cc, -c, 0.0, height * cc, 0.0, -c, -cc, 0.0, 0.0, p[0], p[1], p[2], p[3], p[4], p[5])
 
 
-@kernel
+@inlined
 def body_to_polar(q_x, q_y, height, p):
     """Covariance of (beta, eta, rho) of a point (see `camera.to_polar`) from that of (q_x, q_y, height)."""
     rho2 = 1.0 / (q_x * q_x + q_y * q_y)
-    rho = rho2**0.5
+    rho = np.sqrt(rho2)
     rho3 = rho * rho2
     return congruence(
         -q_y * rho2,
@@ -132,7 +134,7 @@ def body_to_polar(q_x, q_y, height, p):
     )
 
 
-@kernel
+@inlined
 def move_covariance(p, q_x, q_y, cos, sin, dt, var_v, var_l, var_w):
     """Covariance of a remembered point (q_x, q_y, height) in the body frame after the body moved.
 

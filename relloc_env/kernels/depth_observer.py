@@ -11,11 +11,14 @@ differential drive: it moves the image like l [1, 0] chi, so it stands beside v 
 
 import math
 
-from relloc_env.kernels._compile import kernel
+import numpy as np
+
+from relloc_env.kernels._compile import inlined, kernel
+from relloc_env.kernels.elementary import exp
 from relloc_env.kernels.motion import arc, move_point
 
 
-@kernel
+@inlined
 def gains(v, lateral, x, y, h, alpha_lambda, critical, floor):
     """Observer gain H [1/s]: as given, or critically damped for the present excitation.
 
@@ -30,20 +33,37 @@ def gains(v, lateral, x, y, h, alpha_lambda, critical, floor):
         critical: whether H follows the excitation.
         floor: [1/s] smallest H when it does.
     """
-    if not critical:
-        return h
     o_x = v * x + lateral
     o_y = 0.0 if math.isnan(y) else v * y
-    return max(floor, 2.0 * math.sqrt(alpha_lambda * (o_x * o_x + o_y * o_y)))
+    follow = max(floor, 2.0 * np.sqrt(alpha_lambda * (o_x * o_x + o_y * o_y)))
+    return follow if critical else h
 
 
-@kernel
+@inlined
 def mean_decay(u):
     """Mean of exp(-u t) over t in [0, 1]: (1 - exp(-u))/u, by its series near zero (error below 2e-13)."""
-    if abs(u) < 0.2:
-        high = 1 / 120 + u * (-1 / 720 + u * (1 / 5040 + u * (-1 / 40320 + u * (1 / 362880))))
-        return 1.0 + u * (-1 / 2 + u * (1 / 6 + u * (-1 / 24 + u * high)))
-    return -math.expm1(-u) / u
+    high = 1 / 120 + u * (-1 / 720 + u * (1 / 5040 + u * (-1 / 40320 + u * (1 / 362880))))
+    series = 1.0 + u * (-1 / 2 + u * (1 / 6 + u * (-1 / 24 + u * high)))
+    return series if abs(u) < 0.2 else (1.0 - exp(-u)) / u
+
+
+@inlined
+def is_slow(a, k):
+    """Whether the power series of `slow_modes` covers a step."""
+    return (a < 0.2) & (k < 0.04)
+
+
+@inlined
+def slow_modes(a, k):
+    """`modes` of a slow step, as a power series; a = H dt, k = stiffness dt²."""
+    s_0 = mean_decay(a)
+    s_1 = 1 / 6 + a * (-1 / 12 + a * (1 / 40 + a * (-1 / 180 + a * (1 / 1008 - a * (1 / 6720)))))
+    s_2 = 1 / 120 + a * (-1 / 240 + a * (1 / 840 - a * (1 / 4032)))
+    i_0 = 1 / 2 + a * (-1 / 6 + a * (1 / 24 + a * (-1 / 120 + a * (1 / 720 + a * (-1 / 5040 + a * (1 / 40320))))))
+    i_1 = 1 / 24 + a * (-1 / 60 + a * (1 / 240 + a * (-1 / 1260 + a * (1 / 8064))))
+    i_2 = 1 / 720 + a * (-1 / 1680 + a * (1 / 6720))
+    s = s_0 - k * (s_1 - k * (s_2 - k * (1 / 5040 - a * (1 / 10080))))
+    return s_0, s, i_0 - k * (i_1 - k * (i_2 - k * (1 / 40320)))
 
 
 @kernel
@@ -67,14 +87,8 @@ def modes(h, stiffness, dt):
     """
     a, k = h * dt, stiffness * dt * dt
     s_0 = mean_decay(a)
-    if a < 0.2 and k < 0.04:
-        s_1 = 1 / 6 + a * (-1 / 12 + a * (1 / 40 + a * (-1 / 180 + a * (1 / 1008 - a * (1 / 6720)))))
-        s_2 = 1 / 120 + a * (-1 / 240 + a * (1 / 840 - a * (1 / 4032)))
-        i_0 = 1 / 2 + a * (-1 / 6 + a * (1 / 24 + a * (-1 / 120 + a * (1 / 720 + a * (-1 / 5040 + a * (1 / 40320))))))
-        i_1 = 1 / 24 + a * (-1 / 60 + a * (1 / 240 + a * (-1 / 1260 + a * (1 / 8064))))
-        i_2 = 1 / 720 + a * (-1 / 1680 + a * (1 / 6720))
-        s = s_0 - k * (s_1 - k * (s_2 - k * (1 / 5040 - a * (1 / 10080))))
-        return s_0, s, i_0 - k * (i_1 - k * (i_2 - k * (1 / 40320)))
+    if is_slow(a, k):
+        return slow_modes(a, k)
     a_half = 0.5 * a
     u = a_half * a_half - k
     if u > 0.01:
@@ -97,7 +111,7 @@ def modes(h, stiffness, dt):
     return s_0, decay * odd, (1.0 - decay * (even + a_half * odd)) / k
 
 
-@kernel
+@inlined
 def interval_means(x0, y0, x1, y1, chi, v, w, dt):
     """Means of x, y, x² and x y over the interval between two samples (Simpson's rule, fourth order).
 
@@ -119,7 +133,7 @@ def interval_means(x0, y0, x1, y1, chi, v, w, dt):
     )
 
 
-@kernel
+@inlined
 def inverse_depth_flow(chi, stretch, advance, chi_min, z_min):
     """The flow of f_u with x constant, exact: dz/dt = -v - w x z is linear in z = 1/chi, so z <- stretch z - advance.
 
@@ -133,7 +147,7 @@ def inverse_depth_flow(chi, stretch, advance, chi_min, z_min):
     return max(chi / max(stretch - advance * chi, chi * z_min), chi_min)
 
 
-@kernel
+@inlined
 def correct(x0, y0, x1, y1, means, xh, yh, chi, v, lateral, w, dt, h, alpha_lambda, mode, chi_min, chi_max):
     """`observer_step` with the means of the interval and the modes of the step already known."""
     x, y, xx, xy = means
@@ -149,9 +163,8 @@ def correct(x0, y0, x1, y1, means, xh, yh, chi, v, lateral, w, dt, h, alpha_lamb
     g_x, g_y = x1 - x0 - w * dt * (1.0 + xx), y1 - y0 - w * dt * xy
     e_o, g_o = o_x * e_x + o_y * e_y, o_x * g_x + o_y * g_y
     chi = inverse_depth_flow(chi, stretch, advance, chi_min, z_min)
-    along = -dt * s * chi
-    if sigma2 > 0.0:
-        along += ((a * (s_0 - s) - k * i) * e_o + (s - s_0) * g_o) / sigma2
+    across = ((a * (s_0 - s) - k * i) * e_o + (s - s_0) * g_o) / sigma2
+    along = -dt * s * chi + (across if sigma2 > 0.0 else 0.0)
     decay = 1.0 - a * s_0
     xh = x1 - (decay * e_x + s_0 * g_x + o_x * along)
     yh = y1 - (decay * e_y + s_0 * g_y + o_y * along)

@@ -1,7 +1,6 @@
-"""The depth observers of a batch: one row of numbers per (environment, robot, point), advanced sample by sample.
+"""The depth observers of a batch, in lanes (`kernels.lanes`): `SIZE` numbers per point, advanced sample by sample.
 
-`state` is float64 (N, R, M, SIZE), C-contiguous, all zeros at the start of an episode; rows may be copied to save and
-restore an environment. A row holds two views of one point:
+All zeros at the start of an episode; copied, they save and restore an environment. They hold two views of one point:
 
 - now: the point (q_x, q_y, height) in the robot's body frame and its covariance, at the latest sample. Regular beside
   and behind the camera, where image coordinates are not.
@@ -13,185 +12,113 @@ restore an environment. A row holds two views of one point:
 import math
 from typing import NamedTuple
 
-from relloc_env.kernels._compile import kernel
+from relloc_env.kernels._compile import inlined, inner, kernel
 from relloc_env.kernels.depth_covariance import body_to_image, covariance_step, image_to_body, move_covariance
-from relloc_env.kernels.depth_observer import correct, gains, interval_means, modes
-from relloc_env.kernels.motion import arc
+from relloc_env.kernels.depth_observer import correct, gains, interval_means, is_slow, modes, slow_modes
+from relloc_env.kernels.lanes import W
 
-KNOWN = 0
-"""1 once the point has been seen, else 0."""
-Q_X, Q_Y, HEIGHT = 1, 2, 3
-"""[m] the point now, in the body frame; height above the camera (0 for a sensor without heights)."""
-COVARIANCE = 4
-"""First of six: covariance of (q_x, q_y, height) now, upper triangle by rows."""
-TIME = 10
-"""[s] since the last measured sample: 0 where the point is seen now."""
-X, Y = 11, 12
-"""[-] the last measured image coordinates."""
-X_HAT, Y_HAT, CHI_HAT = 13, 14, 15
-"""[-, -, 1/m] the observer's state at the last measured sample."""
-BASE_COVARIANCE = 16
-"""First of six: covariance of (x_hat, y_hat, chi_hat) there, upper triangle by rows."""
-FORWARD, SIDE, TURN, SQUARES = 22, 23, 24, 25
-"""[m, m, rad, s²] sums of v dt, l dt, w dt and dt² since then."""
 SIZE = 26
+"""Numbers that are remembered of a point. The places below are those of lane 0 of a workspace."""
+KNOWN = 0 * W
+"""1 once the point has been seen, else 0."""
+Q_X, Q_Y, HEIGHT = 1 * W, 2 * W, 3 * W
+"""[m] the point now, in the body frame; height above the camera (0 for a sensor without heights)."""
+COVARIANCE = 4 * W
+"""First of six: covariance of (q_x, q_y, height) now, upper triangle by rows."""
+TIME = 10 * W
+"""[s] since the last measured sample: 0 where the point is seen now."""
+X, Y = 11 * W, 12 * W
+"""[-] the last measured image coordinates."""
+X_HAT, Y_HAT, CHI_HAT = 13 * W, 14 * W, 15 * W
+"""[-, -, 1/m] the observer's state at the last measured sample."""
+BASE_COVARIANCE = 16 * W
+"""First of six: covariance of (x_hat, y_hat, chi_hat) there, upper triangle by rows."""
+FORWARD, SIDE, TURN, SQUARES = 22 * W, 23 * W, 24 * W, 25 * W
+"""[m, m, rad, s²] sums of v dt, l dt, w dt and dt² since then."""
+
+# Beside the point in the workspace: about the robot,
+V, LATERAL, YAW_RATE, DT = 26 * W, 27 * W, 28 * W, 29 * W
+"""[m/s, m/s, rad/s, s] measured velocity over the interval before the sample, and its length."""
+CHORD_X, CHORD_Y, DELTA, COS, SIN = 30 * W, 31 * W, 32 * W, 33 * W, 34 * W
+"""[m, m, rad, -, -] its arc (`motion.arc`), cosine and sine of the turn."""
+GAIN_H, GAIN_ALPHA = 35 * W, 36 * W
+"""[1/s, 1/m²] gains of the robot's observers."""
+DEPTH_SD = 37 * W
+"""[m] standard deviation of guesses of the depth."""
+# about the point in this sample,
+GUESS = 38 * W
+"""[m] guess of the depth at first sight."""
+SEEN, SEEN_X, SEEN_Y = 39 * W, 40 * W, 41 * W
+"""Whether the point is measured (1 or 0), and where [-]; y may be NaN, for bearings without heights."""
+# and for scratch.
+_ROUTE, _MEAN_X, _MEAN_Y, _MEAN_XX, _MEAN_XY = 42 * W, 43 * W, 44 * W, 45 * W, 46 * W
+_H, _S_0, _S, _I = 47 * W, 48 * W, 49 * W, 50 * W
+WORKSPACE = 51
+"""Numbers in a workspace."""
+_CORRECT, _QUICK, _RARE = 1.0, 2.0, 3.0
+"""Routes of a lane: an observer step, the same beyond the power series of `slow_modes`, a new beginning."""
 
 
 class Settings(NamedTuple):
-    """Settings of one robot's observers, in the order of the columns of `settings` (R, 12) float64 below."""
+    """Settings of one robot's observers, as numbers."""
 
-    h: float = 2.5
-    """[1/s] gain H."""
-    alpha_lambda: float = 120.0
-    """[1/m²] gain alpha Lambda."""
-    critical: float = 0.0
+    critical: float
     """1 where H follows the excitation (critically damped), 0 where it is fixed."""
-    floor: float = 0.5
+    floor: float
     """[1/s] smallest H when it follows."""
-    z_min: float = 0.1
+    z_min: float
     """[m] smallest depth."""
-    z_max: float = 30.0
+    z_max: float
     """[m] largest depth."""
-    max_gap: float = 0.3
+    max_gap: float
     """[s] longest time between two measured samples that one observer step spans."""
-    depth_sd: float = 1.0
-    """[m] standard deviation of the depth guess."""
-    image_sd: float = 0.002
+    image_sd: float
     """[-] standard deviation of a measured image coordinate."""
-    v_sd: float = 0.005
+    v_sd: float
     """[m/s] standard deviation of the measured forward speed, per sample."""
-    lateral_sd: float = 0.0
+    lateral_sd: float
     """[m/s] standard deviation of the measured lateral speed, per sample."""
-    w_sd: float = 0.005
+    w_sd: float
     """[rad/s] standard deviation of the measured yaw rate, per sample."""
 
 
-_H, _ALPHA_LAMBDA, _CRITICAL, _FLOOR, _Z_MIN, _Z_MAX, _MAX_GAP = range(7)
-_DEPTH_SD, _IMAGE_SD, _V_SD, _LATERAL_SD, _W_SD = range(7, 12)
+@inlined
+def six(t, i):
+    """Six consecutive numbers of a lane, the first at `i`."""
+    return t[i], t[i + W], t[i + 2 * W], t[i + 3 * W], t[i + 4 * W], t[i + 5 * W]
+
+
+@inlined
+def put_six(t, i, values):
+    """Write six consecutive numbers of a lane."""
+    t[i], t[i + W], t[i + 2 * W], t[i + 3 * W], t[i + 4 * W], t[i + 5 * W] = values
+
+
+@inlined
+def choose(first, a, b):
+    """The six numbers `a` where `first`, else `b`."""
+    return (
+        a[0] if first else b[0], a[1] if first else b[1], a[2] if first else b[2],
+        a[3] if first else b[3], a[4] if first else b[4], a[5] if first else b[5],
+    )  # fmt: skip
 
 
 @kernel
-def six(table, p, first):
-    """Six consecutive numbers of a row."""
-    a, b, c = table[p, first], table[p, first + 1], table[p, first + 2]
-    return a, b, c, table[p, first + 3], table[p, first + 4], table[p, first + 5]
-
-
-@kernel
-def put_six(table, p, first, values):
-    """Write six consecutive numbers of a row."""
-    for j in range(6):
-        table[p, first + j] = values[j]
-
-
-@kernel
-def image_now(table, p, z_min):
+def image_now(t, i, z_min):
     """The estimate in the image now, (x, y, chi); a point nearer than `z_min`, beside or behind is put at `z_min`."""
-    chi = 1.0 / max(table[p, Q_X], z_min)
-    return -table[p, Q_Y] * chi, -table[p, HEIGHT] * chi, chi
+    chi = 1.0 / max(t[i + Q_X], z_min)
+    return -t[i + Q_Y] * chi, -t[i + HEIGHT] * chi, chi
 
 
 @kernel
-def image_covariance_now(table, p, z_min):
+def image_covariance_now(t, i, z_min):
     """Covariance of `image_now`, six numbers (regular, but without meaning where the point is not in front)."""
-    return body_to_image(max(table[p, Q_X], z_min), table[p, Q_Y], table[p, HEIGHT], six(table, p, COVARIANCE))
+    return body_to_image(max(t[i + Q_X], z_min), t[i + Q_Y], t[i + HEIGHT], six(t, i + COVARIANCE))
 
 
 @kernel
-def _restart(table, p, x, y):
-    """Let the next observer step begin here, where (x, y) was measured."""
-    table[p, X], table[p, Y] = x, y
-    table[p, TIME] = table[p, FORWARD] = table[p, SIDE] = table[p, TURN] = table[p, SQUARES] = 0.0
-
-
-@kernel
-def _show(table, p, covariance):
-    """Refresh the view of now from the base (the point was measured at this sample)."""
-    z = 1.0 / table[p, CHI_HAT]
-    table[p, Q_X], table[p, Q_Y], table[p, HEIGHT] = z, -table[p, X_HAT] * z, -table[p, Y_HAT] * z
-    if covariance:
-        values = image_to_body(table[p, X_HAT], table[p, Y_HAT], table[p, CHI_HAT], six(table, p, BASE_COVARIANCE))
-        put_six(table, p, COVARIANCE, values)
-
-
-@kernel
-def _begin(table, p, settings, r, x, y, z, flat, covariance):
-    """First sight: s_hat = s, chi_hat = 1/z with the depth guess z."""
-    z = min(max(z, settings[r, _Z_MIN]), settings[r, _Z_MAX])
-    table[p, KNOWN] = 1.0
-    table[p, X_HAT], table[p, Y_HAT], table[p, CHI_HAT] = x, y, 1.0 / z
-    _restart(table, p, x, y)
-    if covariance:
-        var = settings[r, _IMAGE_SD] * settings[r, _IMAGE_SD]
-        chi_sd = settings[r, _DEPTH_SD] / (z * z)
-        put_six(table, p, BASE_COVARIANCE, (var, 0.0, 0.0, 0.0 if flat else var, 0.0, chi_sd * chi_sd))
-    _show(table, p, covariance)
-
-
-@kernel
-def _correct(table, p, settings, r, x, y, flat, covariance):
-    """One observer step from the last measured sample to (x, y) now."""
-    alpha_lambda, z_min, z_max = settings[r, _ALPHA_LAMBDA], settings[r, _Z_MIN], settings[r, _Z_MAX]
-    dt = table[p, TIME]
-    per = 1.0 / dt
-    v, lateral, w = table[p, FORWARD] * per, table[p, SIDE] * per, table[p, TURN] * per
-    x0, y0, chi = table[p, X], table[p, Y], table[p, CHI_HAT]
-    means = interval_means(x0, y0, x, y, chi, v, w, dt)
-    critical, floor = settings[r, _CRITICAL] != 0.0, settings[r, _FLOOR]
-    h = gains(v, lateral, means[0], means[1], settings[r, _H], alpha_lambda, critical, floor)
-    o_x, o_y = v * means[0] + lateral, v * means[1]
-    mode = modes(h, alpha_lambda * (o_x * o_x + o_y * o_y), dt)
-    chi_min, chi_max = 1.0 / z_max, 1.0 / z_min
-    table[p, X_HAT], table[p, Y_HAT], table[p, CHI_HAT] = correct(
-        x0,
-        y0,
-        x,
-        y,
-        means,
-        table[p, X_HAT],
-        table[p, Y_HAT],
-        chi,
-        v,
-        lateral,
-        w,
-        dt,
-        h,
-        alpha_lambda,
-        mode,
-        chi_min,
-        chi_max,
-    )
-    if covariance:
-        var = settings[r, _IMAGE_SD] ** 2
-        v_sd, lateral_sd, w_sd = settings[r, _V_SD], settings[r, _LATERAL_SD], settings[r, _W_SD]
-        share = table[p, SQUARES] * per * per
-        middle = 0.5 * (chi + table[p, CHI_HAT])
-        values = six(table, p, BASE_COVARIANCE)
-        values = covariance_step(
-            values, means[0], means[1], middle, v, lateral, w, dt, h, alpha_lambda, mode,
-            var, 0.0 if flat else var, v_sd * v_sd * share, lateral_sd * lateral_sd * share, w_sd * w_sd * share,
-        )  # fmt: skip
-        put_six(table, p, BASE_COVARIANCE, values)
-    _restart(table, p, x, y)
-    _show(table, p, covariance)
-
-
-@kernel
-def _move(table, p, settings, r, c_x, c_y, cos, sin, dt, covariance):
-    """Open loop: the remembered point in the body frame after the body moved."""
-    d_x, d_y = table[p, Q_X] - c_x, table[p, Q_Y] - c_y
-    q_x, q_y = cos * d_x + sin * d_y, cos * d_y - sin * d_x
-    table[p, Q_X], table[p, Q_Y] = q_x, q_y
-    if covariance:
-        v_sd, lateral_sd, w_sd = settings[r, _V_SD], settings[r, _LATERAL_SD], settings[r, _W_SD]
-        values = six(table, p, COVARIANCE)
-        values = move_covariance(values, q_x, q_y, cos, sin, dt, v_sd * v_sd, lateral_sd * lateral_sd, w_sd * w_sd)
-        put_six(table, p, COVARIANCE, values)
-
-
-@kernel
-def observe_point(table, p, settings, r, seen, x, y, depth, v, lateral, w, dt, c_x, c_y, cos, sin, covariance):
-    """One sample of one point.
+def observe(t, settings, r, width):
+    """One sample of one point, in all lanes of a workspace.
 
     Not seen yet: begins at first sight, with the depth guess. Seen, and last measured at most `max_gap` ago: one
     observer step from that sample to this. Seen after a longer gap: the predicted state stays, and correction begins
@@ -199,74 +126,164 @@ def observe_point(table, p, settings, r, seen, x, y, depth, v, lateral, w, dt, c
     seen: predicted in the body frame.
 
     Args:
-        table: (…, SIZE) float64 rows of state, changed in place; p: which one.
-        settings: (12,) float64 in the order of `Settings`.
-        seen: whether the point was measured in this sample.
-        x, y: [-] measured image coordinates; y may be NaN, for a sensor that gives bearings without heights.
-        depth: [m] guess of the depth at first sight.
-        v, lateral, w: [m/s, m/s, rad/s] measured velocity over the interval before the sample.
-        dt: [s] length of it.
-        c_x, c_y, cos, sin: its arc, as `motion.arc` gives it: chord [m], cosine and sine of the turn.
-        covariance: whether covariances are kept.
+        t: the workspace; its first `SIZE` numbers are changed in place.
+        settings: (R, 9) float64, `Settings` of each robot.
+        r: which robot.
+        width: lanes of a block.
     """
-    flat = math.isnan(y)
-    if flat:
-        y = 0.0
-    if table[p, KNOWN] == 0.0:
-        if seen:
-            _begin(table, p, settings, r, x, y, depth, flat, covariance)
-        return
-    table[p, TIME] += dt
-    table[p, FORWARD] += v * dt
-    table[p, SIDE] += lateral * dt
-    table[p, TURN] += w * dt
-    table[p, SQUARES] += dt * dt
-    if seen and 0.0 < table[p, TIME] <= settings[r, _MAX_GAP] + 1e-9:
-        _correct(table, p, settings, r, x, y, flat, covariance)
-        return
-    _move(table, p, settings, r, c_x, c_y, cos, sin, dt, covariance)
-    if seen and table[p, TIME] > 0.0:
-        z_min, z_max = settings[r, _Z_MIN], settings[r, _Z_MAX]
-        if table[p, Q_X] < z_min or table[p, Q_X] > z_max:
-            z = math.sqrt((table[p, Q_X] ** 2 + table[p, Q_Y] ** 2) / (1.0 + x * x))
-            _begin(table, p, settings, r, x, y, z, flat, covariance)
-            return
-        table[p, X_HAT], table[p, Y_HAT], table[p, CHI_HAT] = image_now(table, p, z_min)
-        if covariance:
-            put_six(table, p, BASE_COVARIANCE, image_covariance_now(table, p, z_min))
-        _restart(table, p, x, y)
+    critical, floor, max_gap = settings[r, 0] != 0.0, settings[r, 1], settings[r, 4]
+    _prepare(t, critical, floor, max_gap, width)
+    rare = False
+    for i in range(width):
+        rare |= t[i + _ROUTE] == _RARE
+        if t[i + _ROUTE] == _QUICK:
+            _mend_modes(t, i)
+    _advance(t, settings, r, width)
+    if rare:
+        for i in range(width):
+            if t[i + _ROUTE] == _RARE:
+                _sight(t, i, settings, r)
 
 
-@kernel
-def observe(state, settings, period, odometry, image, seen, depth, k, covariance, rows):
-    """Sample `k` of all points and robots of some environments; see `observe_point`, and `Samples` for the shapes.
+@inlined
+def _motion(t, i):
+    """(time, 1/time, v, l, w) since the last measured sample: what `observe` steps over."""
+    dt = t[i + DT]
+    time = t[i + TIME] + dt
+    per = 1.0 / time
+    return (
+        time,
+        per,
+        (t[i + FORWARD] + t[i + V] * dt) * per,
+        (t[i + SIDE] + t[i + LATERAL] * dt) * per,
+        (t[i + TURN] + t[i + YAW_RATE] * dt) * per,
+    )
 
-    Args:
-        state: (N, R, M, SIZE) float64, changed in place.
-        settings: (R, 12) float64, `Settings` of each robot.
-        period, odometry, image, seen: (N, K), (N, K, R, 3), (N, K, R, M, 2), (N, K, R, M), the fields of `Samples`.
-        depth: [m] (N, R, M) guesses of the depth at first sight.
-        k: which of the K samples.
-        covariance: whether covariances are kept.
-        rows: (…,) int64 environments to work on.
-    """
-    robots, points = state.shape[1], state.shape[2]
-    table = state.reshape(-1, SIZE)
-    for n in rows:
-        dt = period[n, k]
-        for r in range(robots):
-            v, lateral, w = float(odometry[n, k, r, 0]), float(odometry[n, k, r, 1]), float(odometry[n, k, r, 2])
-            first = (n * robots + r) * points
-            open_loop = dt > settings[r, _MAX_GAP]
-            for m in range(points):
-                open_loop |= not seen[n, k, r, m] or table[first + m, TIME] > 0.0
-            c_x, c_y, cos, sin = 0.0, 0.0, 1.0, 0.0
-            if open_loop:  # else no point needs the arc
-                c_x, c_y, delta = arc(v, lateral, w, dt)
-                cos, sin = math.cos(delta), math.sin(delta)
-            for m in range(points):
-                x, y = float(image[n, k, r, m, 0]), float(image[n, k, r, m, 1])
-                observe_point(
-                    table, first + m, settings, r, seen[n, k, r, m], x, y, depth[n, r, m],
-                    v, lateral, w, dt, c_x, c_y, cos, sin, covariance,
-                )  # fmt: skip
+
+@inlined
+def _image(t, i):
+    """(x, y, whether it is flat) of a sight."""
+    flat = t[i + SEEN_Y] != t[i + SEEN_Y]
+    return t[i + SEEN_X], 0.0 if flat else t[i + SEEN_Y], flat
+
+
+@inner
+def _prepare(t, critical, floor, max_gap, width):
+    """Which way each lane goes, means over its interval and modes of its step."""
+    for i in range(width):
+        time, _, v, lateral, w = _motion(t, i)
+        x, y, _ = _image(t, i)
+        known, seen = t[i + KNOWN] != 0.0, t[i + SEEN] != 0.0
+        near = known & seen & (time > 0.0) & (time <= max_gap + 1e-9)
+        begin = seen & ((not known) | (time > 0.0))
+        m_x, m_y, m_xx, m_xy = interval_means(t[i + X], t[i + Y], x, y, t[i + CHI_HAT], v, w, time)
+        h = gains(v, lateral, m_x, m_y, t[i + GAIN_H], t[i + GAIN_ALPHA], critical, floor)
+        stiffness = _stiffness(t, i, v, lateral, m_x, m_y)
+        a, k = h * time, stiffness * time * time
+        s_0, s, integral = slow_modes(a, k)
+        t[i + _ROUTE] = (_CORRECT if is_slow(a, k) else _QUICK) if near else (_RARE if begin else 0.0)
+        t[i + _MEAN_X], t[i + _MEAN_Y], t[i + _MEAN_XX], t[i + _MEAN_XY] = m_x, m_y, m_xx, m_xy
+        t[i + _H], t[i + _S_0], t[i + _S], t[i + _I] = h, s_0, s, integral
+
+
+@inlined
+def _stiffness(t, i, v, lateral, mean_x, mean_y):
+    """The stiffness alpha Lambda sigma² [1/s²] of this step."""
+    o_x, o_y = v * mean_x + lateral, v * mean_y
+    return t[i + GAIN_ALPHA] * (o_x * o_x + o_y * o_y)
+
+
+@inner
+def _mend_modes(t, i):
+    """The modes of a step that is not slow."""
+    time, _, v, lateral, _ = _motion(t, i)
+    stiffness = _stiffness(t, i, v, lateral, t[i + _MEAN_X], t[i + _MEAN_Y])
+    t[i + _S_0], t[i + _S], t[i + _I] = modes(t[i + _H], stiffness, time)
+
+
+@inner
+def _advance(t, settings, r, width):
+    """Both ways of every lane: an observer step to what is seen now, and a prediction in the body frame."""
+    chi_min, chi_max = 1.0 / settings[r, 3], 1.0 / settings[r, 2]
+    var, var_v = settings[r, 5] * settings[r, 5], settings[r, 6] * settings[r, 6]
+    var_l, var_w = settings[r, 7] * settings[r, 7], settings[r, 8] * settings[r, 8]
+    for i in range(width):
+        known, near = t[i + KNOWN] != 0.0, (t[i + _ROUTE] == _CORRECT) | (t[i + _ROUTE] == _QUICK)
+        time, per, v, lateral, w = _motion(t, i)
+        x, y, flat = _image(t, i)
+        dt, chi = t[i + DT], t[i + CHI_HAT]
+        squares = t[i + SQUARES] + dt * dt
+        means = t[i + _MEAN_X], t[i + _MEAN_Y], t[i + _MEAN_XX], t[i + _MEAN_XY]
+        mode = t[i + _S_0], t[i + _S], t[i + _I]
+        h, alpha_lambda = t[i + _H], t[i + GAIN_ALPHA]
+        x_hat, y_hat, chi_hat = correct(
+            t[i + X], t[i + Y], x, y, means, t[i + X_HAT], t[i + Y_HAT], chi,
+            v, lateral, w, time, h, alpha_lambda, mode, chi_min, chi_max,
+        )  # fmt: skip
+        share, base = squares * per * per, six(t, i + BASE_COVARIANCE)
+        after = covariance_step(
+            base, means[0], means[1], 0.5 * (chi + chi_hat), v, lateral, w, time, h, alpha_lambda, mode,
+            var, 0.0 if flat else var, var_v * share, var_l * share, var_w * share,
+        )  # fmt: skip
+        z = 1.0 / chi_hat
+        now = image_to_body(x_hat, y_hat, chi_hat, after)
+        old, cos, sin = six(t, i + COVARIANCE), t[i + COS], t[i + SIN]
+        d_x, d_y = t[i + Q_X] - t[i + CHORD_X], t[i + Q_Y] - t[i + CHORD_Y]
+        q_x, q_y = cos * d_x + sin * d_y, cos * d_y - sin * d_x
+        moved = move_covariance(old, q_x, q_y, cos, sin, dt, var_v, var_l, var_w)
+        gone = known & (not near)
+        t[i + Q_X] = z if near else (q_x if known else 0.0)
+        t[i + Q_Y] = -x_hat * z if near else (q_y if known else 0.0)
+        t[i + HEIGHT] = -y_hat * z if near else t[i + HEIGHT]
+        put_six(t, i + COVARIANCE, choose(near, now, choose(known, moved, old)))
+        put_six(t, i + BASE_COVARIANCE, choose(near, after, base))
+        t[i + TIME] = time if gone else 0.0
+        t[i + FORWARD] = t[i + FORWARD] + t[i + V] * dt if gone else 0.0
+        t[i + SIDE] = t[i + SIDE] + t[i + LATERAL] * dt if gone else 0.0
+        t[i + TURN] = t[i + TURN] + t[i + YAW_RATE] * dt if gone else 0.0
+        t[i + SQUARES] = squares if gone else 0.0
+        t[i + X] = x if near else t[i + X]
+        t[i + Y] = y if near else t[i + Y]
+        t[i + X_HAT] = x_hat if near else t[i + X_HAT]
+        t[i + Y_HAT] = y_hat if near else t[i + Y_HAT]
+        t[i + CHI_HAT] = chi_hat if near else chi
+
+
+@inner
+def _sight(t, i, settings, r):
+    """One lane: first sight of a point, or the first after a long gap."""
+    x, y, flat = _image(t, i)
+    z_min, z_max = settings[r, 2], settings[r, 3]
+    if t[i + KNOWN] == 0.0:
+        _begin(t, i, x, y, t[i + GUESS], flat, settings, r)
+    elif t[i + Q_X] < z_min or t[i + Q_X] > z_max:
+        z = math.sqrt((t[i + Q_X] * t[i + Q_X] + t[i + Q_Y] * t[i + Q_Y]) / (1.0 + x * x))
+        _begin(t, i, x, y, z, flat, settings, r)
+    else:
+        covariance = image_covariance_now(t, i, z_min)
+        t[i + X_HAT], t[i + Y_HAT], t[i + CHI_HAT] = image_now(t, i, z_min)
+        put_six(t, i + BASE_COVARIANCE, covariance)
+        _restart(t, i, x, y)
+
+
+@inner
+def _restart(t, i, x, y):
+    """Let the next observer step begin here, where (x, y) was measured."""
+    t[i + X], t[i + Y] = x, y
+    t[i + TIME] = t[i + FORWARD] = t[i + SIDE] = t[i + TURN] = t[i + SQUARES] = 0.0
+
+
+@inner
+def _begin(t, i, x, y, z, flat, settings, r):
+    """First sight: s_hat = s, chi_hat = 1/z with the depth guess z."""
+    z = min(max(z, settings[r, 2]), settings[r, 3])
+    chi = 1.0 / z
+    t[i + KNOWN] = 1.0
+    t[i + X_HAT], t[i + Y_HAT], t[i + CHI_HAT] = x, y, chi
+    _restart(t, i, x, y)
+    var, chi_sd = settings[r, 5] * settings[r, 5], t[i + DEPTH_SD] / (z * z)
+    base = (var, 0.0, 0.0, 0.0 if flat else var, 0.0, chi_sd * chi_sd)
+    put_six(t, i + BASE_COVARIANCE, base)
+    z = 1.0 / chi
+    t[i + Q_X], t[i + Q_Y], t[i + HEIGHT] = z, -x * z, -y * z
+    put_six(t, i + COVARIANCE, image_to_body(x, y, chi, base))

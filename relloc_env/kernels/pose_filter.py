@@ -1,192 +1,161 @@
 """The pose filter of an ordered pair of robots (A observes, B is observed) with messages that may be late or lost.
 
 A message of B made at sample s holds what B knew then: its points in the plane of its body, with covariance, and its
-dead reckoning. It is used at the time it was made for. A ring keeps the last L samples of every robot (what A knew
-itself, what a message of B holds), and the filter keeps an anchor, the state just after the update, for each sample
-of the ring whose message has come, and one before the ring. When a message comes, the filter goes back to the newest
-anchor before it, and takes in that message and every later one that is there, in order. Between two anchors both
-robots' displacements are differences of their dead reckoning, however many messages are missing.
+dead reckoning. It is used at the time it was made for. Where messages come at once or never, the anchor (the state
+just after the last update) is all that has to be kept, and a block of environments is worked on in lanes.
+
+Else a ring keeps the last L samples of every robot (what A knew itself, what a message of B holds), and an anchor for
+each sample of the ring whose message has come, and one before the ring. When a message comes, the filter goes back to
+the newest anchor before it, and takes in that message and every later one that is there, in order. Between two anchors
+both robots' displacements are differences of their dead reckoning, however many messages are missing.
 """
 
-import math
+from typing import NamedTuple
 
 import numpy as np
 
-from relloc_env.kernels import relative_pose as rp
-from relloc_env.kernels._compile import kernel
-from relloc_env.kernels.anchors import (
-    ANCHOR,
-    COS,
-    OTHER,
-    OTHER_NOISE,
-    OWN,
-    OWN_NOISE,
-    SIN,
-    SPEED,
-    STEPS,
-    TIME,
-    first_anchor,
-    leap,
-)
+from relloc_env.kernels import anchors as an
+from relloc_env.kernels import depth_state as ds
+from relloc_env.kernels._compile import inner
+from relloc_env.kernels.lanes import W
 
 
-@kernel
-def open_anchor(e, a, b, source, target, row, options, sizes, motion, clock, anchor):
-    """Predict from one anchor to a sample of the ring, and store the anchor there; its points are still to come.
+class Ring(NamedTuple):
+    """What is kept of the last L samples; empty (L = 0) where messages come at once or never."""
 
-    Args:
-        e, a, b: environment, the pair's observer and its observed robot.
-        source: index of the anchor to start from.
-        target: index of the anchor to write; may be `source`.
-        row: row of the ring, of the sample.
-        options: FilterOptions.
-        sizes, motion, clock, anchor: see `Sizes` and `Tables`.
-    """
-    at = e * sizes.length + row
-    own, other = at * sizes.robots + a, at * sizes.robots + b
-    time, steps = clock[at, 0], clock[at, 1]
-    r_x, r_y, theta, cos, sin, pxx, pxy, pxt, pyy, pyt, ptt = leap(
-        anchor, source, motion, own, other, False, time, steps, options
-    )
-    anchor[target, 0], anchor[target, 1], anchor[target, 2] = r_x, r_y, theta
-    anchor[target, 3], anchor[target, 4], anchor[target, 5] = pxx, pxy, pxt
-    anchor[target, 6], anchor[target, 7], anchor[target, 8] = pyy, pyt, ptt
-    anchor[target, TIME], anchor[target, STEPS] = time, steps
-    anchor[target, COS], anchor[target, SIN] = cos, sin
-    for i in range(5):
-        anchor[target, OWN + i], anchor[target, OTHER + i] = motion[own, i], motion[other, i]
-    for i in range(3):
-        anchor[target, SPEED + i] = motion[other, 5 + i]
-    if options.from_odometry:
-        for i in range(6):
-            anchor[target, OWN_NOISE + i] = motion[own, 8 + i]
-            anchor[target, OTHER_NOISE + i] = motion[other, 8 + i]
+    motion: np.ndarray
+    """(N, L, R, 14) motions of the robots."""
+    clock: np.ndarray
+    """(N, L, 2) the clock."""
+    point: np.ndarray
+    """(N, L, R, M, 6) the points."""
+    anchor: np.ndarray
+    """(N, P, L + 1, 38) anchors; the last is the one before the ring."""
 
 
-@kernel
-def take_point(e, a, b, m, target, row, options, sizes, motion, point, usable, anchor):
-    """Take point `m` of a sample of the ring into the anchor of that sample, where both robots know it.
-
-    Args:
-        e, a, b: environment, the pair's observer and its observed robot.
-        m: the point.
-        target: index of the anchor.
-        row: row of the ring, of the sample.
-        options: FilterOptions.
-        sizes, motion, point, usable, anchor: see `Sizes` and `Tables`.
-    """
-    at = e * sizes.length + row
-    own, other = at * sizes.robots + a, at * sizes.robots + b
-    i, j = own * sizes.points + m, other * sizes.points + m
-    if not (usable[i] and usable[j]):
-        return
-    r_x, r_y, theta, cos, sin = (
-        anchor[target, 0],
-        anchor[target, 1],
-        anchor[target, 2],
-        anchor[target, COS],
-        anchor[target, SIN],
-    )
-    pxx, pxy, pxt = anchor[target, 3], anchor[target, 4], anchor[target, 5]
-    pyy, pyt, ptt = anchor[target, 6], anchor[target, 7], anchor[target, 8]
-    w_a = motion[own, 7]
-    y_0, y_1, h_0x, h_0y, h_0t, h_1x, h_1y, h_1t = rp.observe(
-        options.model, r_x, r_y, cos, sin, point[i, 0], point[i, 1], point[j, 0], point[j, 1],
-        motion[own, 5], motion[own, 6], w_a, motion[other, 5], motion[other, 6],
-    )  # fmt: skip
-    rxx, rxy, ryy = options.variance, 0.0, options.variance
-    if options.from_depth:
-        rxx, rxy, ryy = rp.observe_covariance(
-            options.model, cos, sin, w_a, point[i, 2], point[i, 3], point[i, 4],
-            point[j, 2], point[j, 3], point[j, 4], options.variance,
-        )  # fmt: skip
-    r_x, r_y, new, pxx, pxy, pxt, pyy, pyt, ptt = rp.correct(
-        r_x, r_y, theta, pxx, pxy, pxt, pyy, pyt, ptt,
-        y_0, y_1, h_0x, h_0y, h_0t, h_1x, h_1y, h_1t, rxx, rxy, ryy,
-    )  # fmt: skip
-    anchor[target, 0], anchor[target, 1], anchor[target, 2] = r_x, r_y, new
-    anchor[target, 3], anchor[target, 4], anchor[target, 5] = pxx, pxy, pxt
-    anchor[target, 6], anchor[target, 7], anchor[target, 8] = pyy, pyt, ptt
-    anchor[target, COS], anchor[target, SIN] = turned(cos, sin, new - theta, new)
+@inner
+def move_anchors(t, options, width):
+    """`anchors.move_anchor` in all lanes."""
+    o = options
+    if o.from_odometry:  # a loop for each, so that a lane has no branch
+        known = an.FilterOptions(o.model, o.from_depth, o.variance, True, 0.0, o.var_v, o.var_w, o.hold_v, o.hold_w)
+        for i in range(width):
+            an.move_anchor(t, i, known)
+    else:
+        steps = an.FilterOptions(o.model, o.from_depth, o.variance, False, o.process, 0.0, 0.0, 0.0, 0.0)
+        for i in range(width):
+            an.move_anchor(t, i, steps)
 
 
-@kernel
-def turned(cos, sin, turn, theta):
-    """Cosine and sine of `theta`, given those of theta - turn: a short series where the turn is small."""
-    if abs(turn) > 0.05:
-        return math.cos(theta), math.sin(theta)
-    s = turn * turn
-    cos_d = 1.0 - s * (1 / 2) * (1.0 - s * (1 / 12) * (1.0 - s * (1 / 30) * (1.0 - s * (1 / 56))))
-    sin_d = turn * (1.0 - s * (1 / 6) * (1.0 - s * (1 / 20) * (1.0 - s * (1 / 42))))
-    return cos * cos_d - sin * sin_d, sin * cos_d + cos * sin_d
+@inner
+def move_heard(t, options, lane):
+    """`anchors.move_anchor` in one lane, where a message has come."""
+    if t[lane + an.HEARD] != 0.0:
+        an.move_anchor(t, lane, options)
 
 
-@kernel
-def listen(e, p, a, b, sample, arrived, options, sizes, motion, clock, point, usable, anchor, received):
-    """Take in the messages that reach the observer of pair `p` at sample `sample` (counted from 0).
+@inner
+def take_points(t, options, width):
+    """`anchors.take_point` in all lanes."""
+    for i in range(width):
+        an.take_point(t, i, options)
+
+
+@inner
+def show_anchor(t, i):
+    """The pose now is that of the anchor, lane `i`."""
+    for k in range(9):
+        t[i + an.POSE + k * W] = t[i + an.BASE + k * W]
+
+
+@inner
+def show_held(t, i, options):
+    """The pose now is that of the anchor carried forward, with B's last velocity, lane `i`."""
+    r_x, r_y, theta, _, _, p = an.leap(t, i, True, options)
+    t[i + an.POSE], t[i + an.POSE + W], t[i + an.POSE + 2 * W] = r_x, r_y, theta
+    ds.put_six(t, i + an.POSE + 3 * W, p)
+
+
+@inner
+def _load(t, place, source):
+    """Put numbers into a lane of the workspace."""
+    for k in range(source.shape[0]):
+        t[place + k * W] = source[k]
+
+
+@inner
+def _store(t, place, target):
+    """Take numbers out of a lane of the workspace."""
+    for k in range(target.shape[0]):
+        target[k] = t[place + k * W]
+
+
+@inner
+def _to_sample(t, i, ring, e, row, a, b):
+    """Load a sample of the ring into lane `i`: the clock and both motions."""
+    _load(t, i + an.NOW, ring.clock[e, row])
+    _load(t, i + an.OWN, ring.motion[e, row, a])
+    _load(t, i + an.OTHER, ring.motion[e, row, b])
+
+
+@inner
+def listen(t, i, ring, e, p, a, b, sample, arrived, received, options):
+    """Take in the messages that reach the observer of pair `p` at sample `sample` (counted from 0), with lane `i`.
 
     Args:
+        t, i: workspace and lane to work in.
+        ring: Ring; the present sample is in it already.
         e, p, a, b: environment, pair, its observer and its observed robot.
-        sample: number of the present sample; its row of the ring is filled already.
+        sample: number of the present sample.
         arrived: bit j is set where the message of age j reaches the observer now. Ages beyond the ring, or before the
             first sample, are ignored.
+        received: (N, P) uint64, bit j tells whether the message of age j has been taken in; updated.
         options: FilterOptions.
-        sizes, motion, clock, point, usable, anchor, received: see `Sizes` and `Tables`.
-
-    Returns:
-        Whether the points of the present sample are left to the caller (`take_point`, in the order of the points):
-        those of other pairs and environments can go between, which lets a processor work on several at a time.
     """
-    length, first = sizes.length, first_anchor(e, p, sizes)
-    base = first + length if length > 1 else first
-    one, got = np.uint64(1), received[e, p]
+    length, points = ring.clock.shape[1], ring.point.shape[3]
+    one, got, anchors = np.uint64(1), received[e, p], ring.anchor[e, p]
     window = np.uint64(0xFFFFFFFFFFFFFFFF) >> np.uint64(64 - min(length, sample + 1))
-    if length > 1 and (got >> np.uint64(length - 1)) & one:
-        for i in range(ANCHOR):
-            anchor[base, i] = anchor[first + sample % length, i]
+    if (got >> np.uint64(length - 1)) & one:
+        anchors[length] = anchors[sample % length]
     got = (got << one) & window
     new = arrived & window & ~got
     received[e, p] = got | new
     if not new:
-        return False
+        return
     oldest = length - 1
     while not (new >> np.uint64(oldest)) & one:
         oldest -= 1
-    source = base
+    source = length
     for age in range(oldest + 1, length):
         if (got >> np.uint64(age)) & one:
-            source = first + (sample - age) % length
+            source = (sample - age) % length
             break
     got |= new
+    _load(t, i + an.BASE, anchors[source])
+    t[i + an.HEARD] = 1.0
     for age in range(oldest, -1, -1):
         if (got >> np.uint64(age)) & one:
             row = (sample - age) % length
-            target = first + row
-            open_anchor(e, a, b, source, target, row, options, sizes, motion, clock, anchor)
-            if age > 0:
-                for m in range(sizes.points):
-                    take_point(e, a, b, m, target, row, options, sizes, motion, point, usable, anchor)
-            source = target
-    return (got & one) != 0
+            _to_sample(t, i, ring, e, row, a, b)
+            an.move_anchor(t, i, options)
+            for m in range(points):
+                _load(t, i + an.OWN_POINT, ring.point[e, row, a, m])
+                _load(t, i + an.OTHER_POINT, ring.point[e, row, b, m])
+                an.take_point(t, i, options)
+            _store(t, i + an.BASE, anchors[row])
 
 
-@kernel
-def present(e, p, a, b, sample, options, sizes, motion, clock, anchor, received):
-    """Pose of pair `p` at sample `sample`, predicted from the newest anchor: (xi (3), its covariance (6))."""
-    length, first, got = sizes.length, first_anchor(e, p, sizes), received[e, p]
-    j = first + length if length > 1 else first
+@inner
+def present(t, i, ring, e, p, a, b, sample, received, options):
+    """Put the pose of pair `p` at sample `sample`, predicted from the newest anchor, into lane `i`."""
+    length, got, j = ring.clock.shape[1], received[e, p], ring.clock.shape[1]
     for age in range(length):
         if (got >> np.uint64(age)) & np.uint64(1):
-            j = first + (sample - age) % length
+            j = (sample - age) % length
             break
+    _load(t, i + an.BASE, ring.anchor[e, p, j])
     if sample < 0 or (got & np.uint64(1)):
-        return (
-            anchor[j, 0], anchor[j, 1], anchor[j, 2],
-            anchor[j, 3], anchor[j, 4], anchor[j, 5], anchor[j, 6], anchor[j, 7], anchor[j, 8],
-        )  # fmt: skip
-    at = e * length + sample % length
-    r_x, r_y, theta, _, _, pxx, pxy, pxt, pyy, pyt, ptt = leap(
-        anchor, j, motion, at * sizes.robots + a, at * sizes.robots + b, True,
-        clock[at, 0], clock[at, 1], options,
-    )  # fmt: skip
-    return r_x, r_y, theta, pxx, pxy, pxt, pyy, pyt, ptt
+        show_anchor(t, i)
+        return
+    _to_sample(t, i, ring, e, sample % length, a, b)
+    show_held(t, i, options)

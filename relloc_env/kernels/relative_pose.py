@@ -7,8 +7,9 @@ as their upper triangle, row by row: (xx, xy, xt, yy, yt, tt) for 3x3, (xx, xy, 
 
 import math
 
-from relloc_env.kernels._compile import kernel
-from relloc_env.kernels.motion import sinc, wrap_angle
+from relloc_env.kernels._compile import inlined, kernel
+from relloc_env.kernels.elementary import sin_cos
+from relloc_env.kernels.motion import wrap_angle
 
 POSITION = 0
 VELOCITY = 1
@@ -39,7 +40,7 @@ def derivative_jacobian(theta, w_a, v_b, l_b):
     return w_a, -sin * v_b - cos * l_b, -w_a, cos * v_b - sin * l_b
 
 
-@kernel
+@inlined
 def arc_jacobian(v, lateral, w, dt):
     """How errors of a constant velocity move the end of `motion.arc`, in the body frame at its end.
 
@@ -54,7 +55,8 @@ def arc_jacobian(v, lateral, w, dt):
         (a_x, a_y, b_x, b_y): [s, s, m s, m s] d/dv = (a_x, a_y, 0), d/dl = (-a_y, a_x, 0), d/dw = (b_x, b_y, dt).
     """
     half = 0.5 * w * dt
-    cos, sin, ratio = math.cos(half), math.sin(half), sinc(half)
+    sin, cos = sin_cos(half)
+    ratio = 1.0 - half * half / 6.0 if abs(half) < 1e-4 else sin / half
     slope = (cos - ratio) / half if abs(half) > 1e-2 else half * (-1.0 / 3.0 + half * half * (1.0 / 30.0))
     e_x, e_y = v * cos + lateral * sin, lateral * cos - v * sin
     scale = 0.5 * dt * dt
@@ -66,7 +68,7 @@ def arc_jacobian(v, lateral, w, dt):
     )
 
 
-@kernel
+@inlined
 def predict_rotated(r_x, r_y, theta, cos, sin, c_ax, c_ay, delta_a, cos_a, sin_a, c_bx, c_by, delta_b):
     """`predict` with cos and sin of theta and of delta_a given."""
     g_x, g_y = cos * c_bx - sin * c_by, sin * c_bx + cos * c_by
@@ -100,12 +102,13 @@ def predict(r_x, r_y, theta, c_ax, c_ay, delta_a, c_bx, c_by, delta_b):
     return predict_rotated(r_x, r_y, theta, cos, sin, c_ax, c_ay, delta_a, cos_a, sin_a, c_bx, c_by, delta_b)
 
 
-@kernel
-def propagate(cos, sin, t_x, t_y, pxx, pxy, pxt, pyy, pyt, ptt):
+@inlined
+def propagate(cos, sin, t_x, t_y, p):
     """Covariance mapped by X = [[R^T, t], [0, 1]], R = [[cos, -sin], [sin, cos]]: X P X^T, upper triangle.
 
     With R = R(delta_A), t = J d = (-d_y, d_x) this is the F P F^T of `predict`.
     """
+    pxx, pxy, pxt, pyy, pyt, ptt = p
     # P times X^T: the columns that meet t first, then the rotation
     axt, ayt = cos * pxt + sin * pyt, cos * pyt - sin * pxt
     a, b = cos * pxx + sin * pxy, cos * pxy + sin * pyy
@@ -121,7 +124,7 @@ def propagate(cos, sin, t_x, t_y, pxx, pxy, pxt, pyy, pyt, ptt):
     )
 
 
-@kernel
+@inlined
 def displacement_noise(a_x, a_y, b_x, b_y, dt, var_v, var_w):
     """Covariance of a displacement in the body frame at its end, from the variances of v and w.
 
@@ -137,8 +140,8 @@ def displacement_noise(a_x, a_y, b_x, b_y, dt, var_v, var_w):
     )
 
 
-@kernel
-def noise_of_a(r_x, r_y, x, y, cos, sin, nxx, nxy, nxt, nyy, nyt, ntt):
+@inlined
+def noise_of_a(r_x, r_y, x, y, cos, sin, n):
     """Noise on xi from that of A's displacement, which is known in a fixed frame {O}: X N X^T, upper triangle.
 
     A perturbation n of A's displacement in the body frame at its end moves xi+ to exp(-n) ∘ xi+, that is by
@@ -148,13 +151,13 @@ def noise_of_a(r_x, r_y, x, y, cos, sin, nxx, nxy, nxt, nyy, nyt, ntt):
     Args:
         r_x, r_y: [m] predicted position of B in {A}.
         x, y, cos, sin: [m, m, -, -] pose of A in {O}, cos and sin of its heading; (0, 0, 1, 0) if {O} is {A} itself.
-        nxx, nxy, nxt, nyy, nyt, ntt: covariance of the displacement in {O}.
+        n: six numbers, covariance of the displacement in {O}.
     """
-    return propagate(cos, sin, sin * x - cos * y - r_y, cos * x + sin * y + r_x, nxx, nxy, nxt, nyy, nyt, ntt)
+    return propagate(cos, sin, sin * x - cos * y - r_y, cos * x + sin * y + r_x, n)
 
 
-@kernel
-def noise_of_b(cos_t, sin_t, x, y, cos, sin, nxx, nxy, nxt, nyy, nyt, ntt):
+@inlined
+def noise_of_b(cos_t, sin_t, x, y, cos, sin, n):
     """Noise on xi from that of B's displacement, which is known in a fixed frame {O}; see `noise_of_a`.
 
     Here xi+ moves to xi+ ∘ exp(n), that is by [[R(theta+), 0], [0, 1]] n.
@@ -162,13 +165,13 @@ def noise_of_b(cos_t, sin_t, x, y, cos, sin, nxx, nxy, nxt, nyy, nyt, ntt):
     Args:
         cos_t, sin_t: of the predicted theta+.
         x, y, cos, sin: [m, m, -, -] pose of B in {O}, cos and sin of its heading; (0, 0, 1, 0) if {O} is {B} itself.
-        nxx, nxy, nxt, nyy, nyt, ntt: covariance of the displacement in {O}.
+        n: six numbers, covariance of the displacement in {O}.
     """
     c, s = cos * cos_t + sin * sin_t, sin * cos_t - cos * sin_t
-    return propagate(c, s, s * x - c * y, c * x + s * y, nxx, nxy, nxt, nyy, nyt, ntt)
+    return propagate(c, s, s * x - c * y, c * x + s * y, n)
 
 
-@kernel
+@inlined
 def observe(model, r_x, r_y, cos, sin, q_ax, q_ay, q_bx, q_by, v_a, l_a, w_a, v_b, l_b):
     """Innovation and Jacobian of one point in an observation model (docs/equations.md, section 4).
 
@@ -211,7 +214,7 @@ def observe_value(model, r_x, r_y, cos, sin, q_ax, q_ay, v_a, l_a, w_a, v_b, l_b
     return -v_b - y[0], -l_b - y[1]
 
 
-@kernel
+@inlined
 def observe_covariance(model, cos, sin, w_a, axx, axy, ayy, bxx, bxy, byy, floor):
     """Covariance of the innovation from those of both points: C = R^T C_A R + C_B, rank-aware, plus floor I.
 
@@ -237,15 +240,15 @@ def observe_covariance(model, cos, sin, w_a, axx, axy, ayy, bxx, bxy, byy, floor
     return ww * yy + floor, -ww * xy, ww * xx + floor
 
 
-@kernel
-def correct(r_x, r_y, theta, pxx, pxy, pxt, pyy, pyt, ptt, y_0, y_1, h_0x, h_0y, h_0t, h_1x, h_1y, h_1t, rxx, rxy, ryy):
+@inlined
+def correct(r_x, r_y, theta, p, y_0, y_1, h_0x, h_0y, h_0t, h_1x, h_1y, h_1t, rxx, rxy, ryy):
     """Kalman update with a measurement of two components, covariance in Joseph form.
 
     S = H P H^T + R, K = P H^T S^-1, xi += K y (angle wrapped), P = (I - K H) P (I - K H)^T + K R K^T.
 
     Args:
         r_x, r_y, theta: [m, m, rad] pose.
-        pxx, pxy, pxt, pyy, pyt, ptt: its covariance.
+        p: six numbers, its covariance.
         y_0, y_1: innovation.
         h_0x, h_0y, h_0t, h_1x, h_1y, h_1t: rows of H.
         rxx, rxy, ryy: covariance of the measurement; positive definite.
@@ -253,6 +256,7 @@ def correct(r_x, r_y, theta, pxx, pxy, pxt, pyy, pyt, ptt, y_0, y_1, h_0x, h_0y,
     Returns:
         (r_x, r_y, theta, pxx, pxy, pxt, pyy, pyt, ptt) after the update.
     """
+    pxx, pxy, pxt, pyy, pyt, ptt = p
     # C = P H^T
     c_x0, c_x1 = pxx * h_0x + pxy * h_0y + pxt * h_0t, pxx * h_1x + pxy * h_1y + pxt * h_1t
     c_y0, c_y1 = pxy * h_0x + pyy * h_0y + pyt * h_0t, pxy * h_1x + pyy * h_1y + pyt * h_1t

@@ -131,7 +131,7 @@ def test_prediction_of_the_covariance():
         F = differences(lambda x, a=c_a, b=c_b: rp.predict(*x, *a, *b)[:3], xi)
         *_, d_x, d_y = rp.predict(*xi, *c_a, *c_b)
         P = random_covariance(rng, 3)
-        result = full(rp.propagate(math.cos(c_a[2]), math.sin(c_a[2]), -d_y, d_x, *upper(P)))
+        result = full(rp.propagate(math.cos(c_a[2]), math.sin(c_a[2]), -d_y, d_x, tuple(upper(P))))
         np.testing.assert_allclose(result, F @ P @ F.T, rtol=1e-7, atol=1e-9)
 
 
@@ -158,9 +158,9 @@ def test_odometry_noise_through_the_jacobians_of_the_prediction(robot):
         r_x, r_y, theta, *_ = rp.predict(*xi, *arc(*u_a, dt), *arc(*u_b, dt))
         noise = rp.displacement_noise(*rp.arc_jacobian(*(u_a if robot == "a" else u_b), dt), dt, var_v, var_w)
         if robot == "a":
-            result = rp.noise_of_a(r_x, r_y, 0.0, 0.0, 1.0, 0.0, *noise)
+            result = rp.noise_of_a(r_x, r_y, 0.0, 0.0, 1.0, 0.0, noise)
         else:
-            result = rp.noise_of_b(math.cos(theta), math.sin(theta), 0.0, 0.0, 1.0, 0.0, *noise)
+            result = rp.noise_of_b(math.cos(theta), math.sin(theta), 0.0, 0.0, 1.0, 0.0, noise)
         np.testing.assert_allclose(full(result), G @ np.diag([var_v, 0.0, var_w]) @ G.T, atol=2e-8)
 
 
@@ -230,7 +230,7 @@ def test_update_against_a_dense_kalman_filter():
         xi, P, R = random_pose(rng), random_covariance(rng, 3), random_covariance(rng, 2)
         H, y = rng.normal(size=(2, 3)), rng.normal(size=2)
         K = P @ H.T @ np.linalg.inv(H @ P @ H.T + R)
-        result = rp.correct(*xi, *upper(P), *y, *H.ravel(), *R[np.triu_indices(2)])
+        result = rp.correct(*xi, tuple(upper(P)), *y, *H.ravel(), *R[np.triu_indices(2)])
         expected = xi + K @ y
         np.testing.assert_allclose(result[:2], expected[:2], atol=1e-10)
         assert math.remainder(result[2] - expected[2], math.tau) == pytest.approx(0.0, abs=1e-10)
@@ -251,12 +251,12 @@ def _wander(state, numbers, models):
         n = numbers[k]
         c_a, c_b = arc(n[0], n[1], n[2], 0.05), arc(n[3], n[4], n[5], 0.05)
         x, y, t, d_x, d_y = rp.predict(x, y, t, c_a[0], c_a[1], c_a[2], c_b[0], c_b[1], c_b[2])
-        a, b, c, d, e, f = rp.propagate(math.cos(c_a[2]), math.sin(c_a[2]), -d_y, d_x, *p)
+        a, b, c, d, e, f = rp.propagate(math.cos(c_a[2]), math.sin(c_a[2]), -d_y, d_x, tuple(p))
         p = (a + 1e-6, b, c, d + 1e-6, e, f + 1e-6)
         cos, sin = math.cos(t), math.sin(t)
         o = rp.observe(models[k], x, y, cos, sin, n[6], n[7], n[8], n[9], n[0], n[1], n[2], n[3], n[4])
         r = rp.observe_covariance(models[k], cos, sin, n[2], n[10] ** 2, 0.0, 1e-4, 1e-4, 0.0, n[11] ** 2, 1e-8)
-        x, y, t, a, b, c, d, e, f = rp.correct(x, y, t, *p, *o, *r)
+        x, y, t, a, b, c, d, e, f = rp.correct(x, y, t, tuple(p), *o, *r)
         p = (a, b, c, d, e, f)
         det = a * (d * f - e * e) - b * (b * f - c * e) + c * (b * e - c * d)
         fine = fine and a > 0.0 and a * d - b * b > 0.0 and det > 0.0 and -math.pi <= t < math.pi
@@ -291,11 +291,11 @@ def run_section_4(model: str, w_a: float = 0.02, w_b: float = -0.03, points: Any
             c_a, c_b = arc(*u_a, dt), arc(*u_b, dt)
             *predicted, d_x, d_y = rp.predict(*xi, *c_a, *c_b)
             xi = np.array(predicted)
-            P = full(rp.propagate(math.cos(c_a[2]), math.sin(c_a[2]), -d_y, d_x, *upper(P))) + 1e-6 * np.eye(3)
+            P = full(rp.propagate(math.cos(c_a[2]), math.sin(c_a[2]), -d_y, d_x, tuple(upper(P)))) + 1e-6 * np.eye(3)
         for point in points:
             q_a, q_b = (np.array(relative(*pose, *point, 0.0)[:2]) for pose in (a, b))
             y, H = observe(model, xi, q_a, q_b, u_a, u_b)
-            result = np.array(rp.correct(*xi, *upper(P), *y, *H.ravel(), 0.05**2, 0.0, 0.05**2))
+            result = np.array(rp.correct(*xi, tuple(upper(P)), *y, *H.ravel(), 0.05**2, 0.0, 0.05**2))
             xi, P = result[:3], full(result[3:])
             _, H = observe(model, truth, q_a, q_b, u_a, u_b)
             gramian += dt * Phi.T @ H.T @ H @ Phi
@@ -339,7 +339,7 @@ def test_velocity_learns_nothing_without_yaw_rate():
         xi, P, u_b = random_pose(rng), random_covariance(rng, 3), random_velocity(rng)
         u_a = np.array([0.3, 0.0, 0.0])
         y, H = observe("velocity", xi, rng.uniform(-5, 5, 2), rng.uniform(-5, 5, 2), u_a, u_b)
-        result = rp.correct(*xi, *upper(P), *y, *H.ravel(), 0.0025, 0.0, 0.0025)
+        result = rp.correct(*xi, tuple(upper(P)), *y, *H.ravel(), 0.0025, 0.0, 0.0025)
         np.testing.assert_array_equal(result[:2], xi[:2])
         assert result[2] == pytest.approx(xi[2], abs=1e-15)
         np.testing.assert_array_equal(result[3:], upper(P))

@@ -1,0 +1,87 @@
+"""Sine, cosine, arc tangent, exponential and logarithm without branches, for loops over lanes (`kernels.lanes`).
+
+A call into the C library keeps a loop from being compiled to vector instructions. These are plain arithmetic, so it
+is, and they give the same bits on any machine. Each reduces its argument to a small interval and sums the Taylor
+series there; the error is below 2 units in the last place (`tests/kernels/test_elementary.py`).
+"""
+
+import numpy as np
+
+from relloc_env.kernels._compile import inlined
+
+_HALF_PI = (1.5707963267341256, 6.077100506303966e-11, 2.0222662487959506e-21)
+"""pi/2 in parts of 33 bits, so that a multiple of the first two is exact (Cody and Waite, 1980)."""
+_LN_2 = (0.6931471803691238, 1.9082149292705877e-10)
+"""ln 2, the first part with 32 bits."""
+_LOG_2_E, _TWO_OVER_PI = 1.4426950408889634, 0.6366197723675814
+_PI, _PI_2, _PI_6 = np.pi, np.pi / 2.0, np.pi / 6.0
+_SQRT_3, _TAN_PI_12 = np.sqrt(3.0), 2.0 - np.sqrt(3.0)
+_SHIFT = 6755399441055744.0
+"""1.5 2^52: added to a small whole number, it leaves that number in the last bits of the mantissa."""
+_SHIFT_BITS, _ONE_BITS, _ROOT_HALF_BITS = np.int64(0x4338000000000000), np.int64(1023), np.int64(0x3FE6A09E667F3BCD)
+_MANTISSA = np.int64(52)
+
+
+@inlined
+def sin_cos(a):
+    """(sin a, cos a) of an angle [rad] below 10⁵ in size."""
+    n = np.floor(a * _TWO_OVER_PI + 0.5)
+    x = ((a - n * _HALF_PI[0]) - n * _HALF_PI[1]) - n * _HALF_PI[2]
+    z = x * x
+    s = -1 / 6 + z * (1 / 120 + z * (-1 / 5040 + z * (1 / 362880 + z * (-1 / 39916800 + z * (1 / 6227020800)))))
+    s += z * z * z * z * z * z * (-1 / 1307674368000 + z * (1 / 355687428096000))
+    c = 1 / 24 + z * (-1 / 720 + z * (1 / 40320 + z * (-1 / 3628800 + z * (1 / 479001600))))
+    c += z * z * z * z * z * (-1 / 87178291200 + z * (1 / 20922789888000))
+    sin, cos = x + x * z * s, 1.0 - (0.5 * z - z * z * c)
+    quarter = n - 4.0 * np.floor(0.25 * n)
+    odd, negative = (quarter == 1.0) | (quarter == 3.0), quarter >= 2.0
+    first, second = (cos if odd else sin), (sin if odd else cos)
+    return (-first if negative else first), (-second if (quarter == 1.0) | (quarter == 2.0) else second)
+
+
+@inlined
+def atan2(y, x):
+    """Angle [rad] of (x, y) in (-pi, pi]; 0 at the origin."""
+    a, b = abs(x), abs(y)
+    steep = b > a
+    high, low = (b if steep else a), (a if steep else b)
+    t = low / (high if high > 0.0 else 1.0)
+    far = t > _TAN_PI_12
+    t = (_SQRT_3 * t - 1.0) / (_SQRT_3 + t) if far else t
+    z = t * t
+    p = 1 / 13 + z * (-1 / 15 + z * (1 / 17 + z * (-1 / 19 + z * (1 / 21 + z * (-1 / 23 + z * (1 / 25))))))
+    p = -1 / 3 + z * (1 / 5 + z * (-1 / 7 + z * (1 / 9 + z * (-1 / 11 + z * p))))
+    angle = t + t * z * p
+    angle = angle + _PI_6 if far else angle
+    angle = _PI_2 - angle if steep else angle
+    angle = _PI - angle if x < 0.0 else angle
+    return -angle if y < 0.0 else angle
+
+
+@inlined
+def exp(a):
+    """e^a, for -700 < a < 700; beyond, the value at the limit."""
+    a = min(max(a, -700.0), 700.0)
+    shifted = np.floor(a * _LOG_2_E + 0.5) + _SHIFT
+    n = shifted - _SHIFT
+    x = (a - n * _LN_2[0]) - n * _LN_2[1]
+    p = 1 / 5040 + x * (1 / 40320 + x * (1 / 362880 + x * (1 / 3628800 + x * (1 / 39916800 + x * (1 / 479001600)))))
+    p = 0.5 + x * (1 / 6 + x * (1 / 24 + x * (1 / 120 + x * (1 / 720 + x * p))))
+    bits = (np.float64(shifted).view(np.int64) - _SHIFT_BITS + _ONE_BITS) << _MANTISSA
+    return (1.0 + (x + x * x * p)) * np.int64(bits).view(np.float64)
+
+
+@inlined
+def log(a):
+    """Natural logarithm of a normal number above 0."""
+    bits = np.float64(a).view(np.int64)
+    n = (bits - _ROOT_HALF_BITS) >> _MANTISSA
+    m = np.int64(bits - (n << _MANTISSA)).view(np.float64)
+    exponent = np.int64(n + _SHIFT_BITS).view(np.float64) - _SHIFT
+    f = m - 1.0
+    s = f / (2.0 + f)
+    z = s * s
+    p = 1 / 13 + z * (1 / 15 + z * (1 / 17 + z * (1 / 19 + z * (1 / 21))))
+    p = z * (1 / 3 + z * (1 / 5 + z * (1 / 7 + z * (1 / 9 + z * (1 / 11 + z * p)))))
+    half = 0.5 * f * f
+    return exponent * _LN_2[0] + (f - (half - (s * (half + 2.0 * p) + exponent * _LN_2[1])))
