@@ -112,7 +112,7 @@ class ContactSolver:
     """A pymunk space for one configuration, into which environments are loaded one at a time; for one thread."""
 
     def __init__(self, config: EnvConfig) -> None:
-        self._dt = config.sample_period
+        self._config, self._dt = config, config.sample_period
         self._space = pymunk.Space()
         self._space.collision_slop = 1e-4
         self._space.collision_bias = 1e-40  # of an overlap, 44 % is undone in each substep of a 20 Hz sample
@@ -134,6 +134,9 @@ class ContactSolver:
             self._space.add(body)
             self._add(pymunk.Circle(body, robot.radius))
         self._open_batch()
+
+    def __reduce__(self) -> tuple[type[ContactSolver], tuple[EnvConfig]]:
+        return ContactSolver, (self._config,)  # nothing of what was solved is left: a copy is a new one
 
     def _add(self, shape: pymunk.Shape) -> None:
         shape.friction = FRICTION
