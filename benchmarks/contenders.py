@@ -32,7 +32,7 @@ class Contender:
 
     def headline(self, num_envs: int) -> bool:
         """Whether this size is in a comparison, rather than in the plot alone."""
-        return num_envs in (1, BATCH)
+        return num_envs in (1, BATCH) or len(self.sizes) == 1
 
     def version(self) -> str | None:
         """Installed version of its package; None where it is not installed."""
@@ -50,10 +50,11 @@ CONTENDERS = {
         Contender("gymnasium", ours.gymnasium_door, _OURS, "everything on, Gymnasium", _ONE, 1),
         Contender("everything", ours.everything, _OURS, "everything on, vector environment"),
         Contender("everything-1", ours.everything, _OURS, "everything on, vector environment", _BATCH, 1),
+        Contender("with-info", ours.with_info, _OURS, "everything on, the truth in info as well", _BATCH),
         Contender("crowded", ours.crowded, _OURS, "everything on, ten times the contacts", _BATCH),
         Contender("default", ours.default, _OURS, "default task, five samples an action", _BATCH, samples=5),
         Contender("cascade-critical", ours.critical, _OURS, "everything on, cascade-critical", _BATCH),
-        Contender("map-alignment", ours.alignment, _OURS, "everything on, map-alignment", _BATCH),
+        Contender("map-alignment", ours.alignment, _OURS, "everything on, map-alignment", (256,)),
         Contender("sb3", ours.stable_baselines, _OURS, "everything on, Stable-Baselines3 VecEnv", _BATCH),
         Contender("mpe2", peers.mpe2, "mpe2", "MPE2 simple spread, PettingZoo Parallel", _ONE, 1),
         Contender("jaxmarl", peers.jaxmarl_spread, "jaxmarl", "JaxMARL MPE simple spread"),

@@ -22,11 +22,15 @@ EVERYTHING: dict[str, Any] = {
     "max_cycles": HORIZON,
     "network": {"latency": 0.1, "loss": 0.1},
     "shield": None,  # or else nothing would ever touch
-    "arena": (12.0, 12.0),
-    "start": {"margin": 1.5},
+    "arena": (10.0, 10.0),
+    "start": {"margin": 1.0},
 }
-"""With an arena in which about 1 % of the steps are in contact."""
-CROWDED: dict[str, Any] = {**EVERYTHING, "arena": (6.5, 6.5), "start": {"margin": 0.5}}
+"""Robots start so far from the walls that about 1 % of the steps are in contact."""
+CROWDED: dict[str, Any] = {
+    **EVERYTHING,
+    "arena": (5.0, 5.0),
+    "start": {"margin": 0.3, "target_distance": (1.0, 7.0), "robot_distance": 0.6},
+}
 """The same where about 10 % are."""
 DEFAULT: dict[str, Any] = {"estimator": "cascade"}
 """The ids' default task: the information reward from the bound, an action held for five samples."""
@@ -40,9 +44,9 @@ def smooth_actions(num_envs: int, seed: int = 0) -> NDArray[np.float32]:
 
     They are played forward, then backward, and so on: the process looks the same both ways, so that this stays smooth.
     """
-    length = int(np.clip(2**18 // num_envs, 64, 1024))
+    length = max(HORIZON, 2**16 // num_envs)
     make = np.random.default_rng(seed)
-    actions = make.standard_normal((length, num_envs, 2 * AGENTS), np.float32)
+    actions: NDArray[np.float32] = make.standard_normal((length, num_envs, 2 * AGENTS), np.float32)
     keep = np.float32(np.exp(-1.0 / STEADY))
     for t in range(1, length):
         actions[t] = keep * actions[t - 1] + np.sqrt(1.0 - keep * keep) * actions[t]
@@ -61,19 +65,23 @@ class _Player:
 
     def next(self) -> NDArray[np.float32]:
         """Actions (N, 2 x AGENTS) of the next step."""
-        now = self._bank[self._at]
+        now: NDArray[np.float32] = self._bank[self._at]
         if not 0 <= self._at + self._way < len(self._bank):
             self._way = -self._way
         self._at += self._way
         return now
 
 
+FASTEST: dict[str, Any] = {"info": (), "copy": False}
+"""No truth beside the observations, which are written into the same array each time."""
+
+
 class Batch:
     """The native vector environment, its episodes spread over the horizon as in a long run."""
 
-    def __init__(self, options: Mapping[str, Any], num_envs: int) -> None:
-        self.envs = cast(Any, gym.make_vec(ID, num_envs, **options))
-        self._player, self._block = _Player(num_envs), block(num_envs)
+    def __init__(self, options: Mapping[str, Any], num_envs: int, form: Mapping[str, Any] = FASTEST) -> None:
+        self.envs = cast(Any, gym.make_vec(ID, num_envs, **form, **options))
+        self._player, self._block = _Player(num_envs), 64 if num_envs <= 64 else 4
         self.envs.reset(seed=0)
         core: Any = self.envs.unwrapped.core
         core.elapsed[:] = np.random.default_rng(0).integers(0, core.config.max_cycles, num_envs)
@@ -81,24 +89,29 @@ class Batch:
             self.envs.step(self._player.next())
 
     def __call__(self) -> int:
-        """Step `block` times."""
+        """Step some times."""
         for _ in range(self._block):
             self.envs.step(self._player.next())
         return self._block
 
     def contact_share(self) -> float:
-        """Share of environment steps in which a robot touches something, over one horizon."""
+        """Share of environment steps in which a robot touches something, over a quarter of the horizon."""
         core: Any = self.envs.unwrapped.core
         shares = []
-        for _ in range(core.config.max_cycles):
+        for _ in range(max(1, core.config.max_cycles // 4)):
             self.envs.step(self._player.next())
-            shares.append(core.simulation.world.collided.any(axis=1).mean())
+            shares.append(np.any(core.simulation.world.collided, axis=1).mean())
         return float(np.mean(shares))
 
 
 def everything(num_envs: int) -> Drive:
     """Everything on, about 1 % of the steps in contact."""
     return Batch(EVERYTHING, num_envs)
+
+
+def with_info(num_envs: int) -> Drive:
+    """Everything on, as `gym.make_vec` gives it: with the truth in `info`, observations in fresh arrays."""
+    return Batch(EVERYTHING, num_envs, {})
 
 
 def crowded(num_envs: int) -> Drive:

@@ -97,7 +97,7 @@ class Entry:
         """Plain data."""
         found = {
             "name": self.contender.name, "words": self.contender.words, "package": self.contender.package,
-            "num_envs": self.num_envs, "cores": self.cores,
+            "num_envs": self.num_envs, "headline": self.contender.headline(self.num_envs), "cores": self.cores,
             "samples_per_step": self.contender.samples, "version": self.contender.version(), "status": self.status,
             "contact_share": self.contact, "rates": {str(r): rate for r, rate in self.rates.items()},
         }  # fmt: skip

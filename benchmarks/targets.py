@@ -93,7 +93,7 @@ def speed_table(results: Mapping[str, Any]) -> Table:
     ):
         table.add_column(name, justify="right" if justify == "right" else "left")
     for entry in results["contenders"]:
-        if entry["num_envs"] not in (1, BATCH):
+        if not entry["headline"]:
             continue
         found, notes = entry["steps_per_second"], []
         if found is None:
