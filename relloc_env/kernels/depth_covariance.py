@@ -26,7 +26,7 @@ def congruence(l11, l12, l13, l21, l22, l23, l31, l32, l33, p11, p12, p13, p22, 
 
 @inlined
 def covariance_step(p, x, y, chi, v, lateral, w, dt, h, alpha_lambda, mode, var, var_y, var_v, var_l, var_w):
-    """Covariance of (x, y, chi) - (x_hat, y_hat, chi_hat) after `observer_step`, with the same discrete transition.
+    """Covariance of (x, y, chi) - (x_hat, y_hat, chi_hat) after `depth_observer.correct`, by the same transition.
 
     P <- F (L (F P F + U) Lᵀ + U + N) F: F half a step of f_u, linearised; L the exponential of the linear part,
 

@@ -1,4 +1,4 @@
-"""The depth observer of one point: gains, step between two measured samples, open-loop prediction.
+"""The depth observer of one point: gains, and the step between two measured samples.
 
 After [RMDA19] (equations for s-hat and chi-hat) and Spica & Robuffo Giordano, CDC 2013; docs/equations.md, section 3:
 
@@ -15,7 +15,6 @@ import numpy as np
 
 from relloc_env.kernels._compile import inlined, kernel
 from relloc_env.kernels.elementary import exp
-from relloc_env.kernels.motion import arc, move_point
 
 
 @inlined
@@ -149,7 +148,26 @@ def inverse_depth_flow(chi, stretch, advance, chi_min, z_min):
 
 @inlined
 def correct(x0, y0, x1, y1, means, xh, yh, chi, v, lateral, w, dt, h, alpha_lambda, mode, chi_min, chi_max):
-    """`observer_step` with the means of the interval and the modes of the step already known."""
+    """The observer's state at the later of two measured samples, from that at the earlier one.
+
+    In e = s - s_hat the observer is linear but for f_u: de/dt = (ds/dt - f_m) - Omega chi_hat - H e,
+    dchi_hat/dt = f_u + alpha Lambda Omega e. Strang splitting: half a step of f_u (exact in 1/chi), the exact
+    exponential of the linear part with Omega and f_m averaged over the interval, half a step of f_u. Second order in
+    dt; bounded for any gain and dt, since the exponential contracts e and chi is clamped.
+
+    Args:
+        x0, y0, x1, y1: [-] measured image coordinates at both ends.
+        means: `interval_means` of them.
+        xh, yh, chi: [-, -, 1/m] the observer's state at the earlier sample.
+        v, lateral, w: [m/s, m/s, rad/s] mean velocity between them.
+        dt: [s] time between them, above 0.
+        h, alpha_lambda: [1/s, 1/m²] gains.
+        mode: `modes` for them, with Omega at the mean x and y.
+        chi_min, chi_max: [1/m] bounds of chi.
+
+    Returns:
+        (xh, yh, chi) at the later sample.
+    """
     x, y, xx, xy = means
     s_0, s, i = mode
     o_x, o_y = v * x + lateral, v * y
@@ -171,51 +189,3 @@ def correct(x0, y0, x1, y1, means, xh, yh, chi, v, lateral, w, dt, h, alpha_lamb
     chi = (1.0 - k * i) * chi + alpha_lambda * dt * (s * e_o + i * g_o)
     chi = inverse_depth_flow(min(max(chi, chi_min), chi_max), stretch, advance, chi_min, z_min)
     return xh, yh, chi
-
-
-@kernel
-def observer_step(x0, y0, x1, y1, xh, yh, chi, v, lateral, w, dt, h, alpha_lambda, chi_min, chi_max):
-    """The observer's state at the later of two measured samples, from that at the earlier one.
-
-    In e = s - s_hat the observer is linear but for f_u: de/dt = (ds/dt - f_m) - Omega chi_hat - H e,
-    dchi_hat/dt = f_u + alpha Lambda Omega e. Strang splitting: half a step of f_u (exact in 1/chi), the exact
-    exponential of the linear part with Omega and f_m averaged over the interval, half a step of f_u. Second order in
-    dt; bounded for any gain and dt, since the exponential contracts e and chi is clamped.
-
-    Args:
-        x0, y0, x1, y1: [-] measured image coordinates at both ends.
-        xh, yh, chi: [-, -, 1/m] the observer's state at the earlier sample.
-        v, lateral, w: [m/s, m/s, rad/s] mean velocity between them.
-        dt: [s] time between them; 0 changes nothing.
-        h, alpha_lambda: [1/s, 1/m²] gains.
-        chi_min, chi_max: [1/m] bounds of chi.
-
-    Returns:
-        (xh, yh, chi) at the later sample.
-    """
-    means = interval_means(x0, y0, x1, y1, chi, v, w, dt)
-    o_x, o_y = v * means[0] + lateral, v * means[1]
-    mode = modes(h, alpha_lambda * (o_x * o_x + o_y * o_y), dt)
-    return correct(x0, y0, x1, y1, means, xh, yh, chi, v, lateral, w, dt, h, alpha_lambda, mode, chi_min, chi_max)
-
-
-@kernel
-def predict(xh, yh, chi, v, lateral, w, dt, z_min):
-    """Open loop over a step: the estimated point seen after the exact arc (docs/equations.md, section 2).
-
-    Image coordinates end at the image plane. A point predicted nearer than `z_min`, beside or behind the camera is
-    returned at depth `z_min` with its lateral and vertical place kept, so that the answer is finite and says on which
-    side the point went; its depth is lost. What must outlast that keeps the point in the body frame instead
-    (`depth_state` does).
-
-    Args:
-        xh, yh, chi: [-, -, 1/m] state.
-        v, lateral, w: [m/s, m/s, rad/s] velocity over the step.
-        dt: [s] length of the step.
-        z_min: [m] smallest depth of the answer, above 0.
-    """
-    z = 1.0 / chi
-    c_x, c_y, delta = arc(v, lateral, w, dt)
-    q_x, q_y = move_point(z, -xh * z, c_x, c_y, delta)
-    q_x = max(q_x, z_min)
-    return -q_y / q_x, yh * z / q_x, 1.0 / q_x

@@ -7,14 +7,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from relloc_env.kernels import depth_covariance, depth_observer, depth_state, motion
+from relloc_env.kernels import depth_covariance, depth_state, motion
+from relloc_env.kernels.lanes import W
+from tests.kernels.observers import BASE_COVARIANCE, COVARIANCE, ESTIMATE, POINT, SETTINGS, Observers
 
 Float = NDArray[np.float64]
-SETTINGS = depth_state.Settings(
-    h=2.5, alpha_lambda=120.0, critical=0.0, floor=0.5, z_min=0.1, z_max=100.0, max_gap=0.3, depth_sd=0.1,
-    image_sd=0.002, v_sd=0.005, lateral_sd=0.0, w_sd=0.005,
-)  # fmt: skip
-POINT = depth_state.Q_X, depth_state.Q_Y, depth_state.HEIGHT
+QUIET = SETTINGS._replace(z_min=1e-3, z_max=1e3, image_sd=0.0, v_sd=0.0, w_sd=0.0)
 
 
 def matrix(p: Any) -> Any:
@@ -22,53 +20,55 @@ def matrix(p: Any) -> Any:
 
 
 def test_covariances_stay_positive_over_random_samples() -> None:
-    """40 environments, 2 robots, 3 points, 400 samples (96,000 point samples), 40 % of them unseen."""
+    """240 points, 400 samples (96,000 point samples), 40 % of them unseen; two kinds of gains."""
     rng = np.random.default_rng(5)
-    settings = np.array([SETTINGS, SETTINGS._replace(critical=1.0, alpha_lambda=1e4)])
-    shape = (40, 400, 2, 3)
-    odometry = rng.uniform(-0.5, 0.5, shape).astype(np.float32)
-    images = rng.uniform(-0.6, 0.6, (*shape, 2)).astype(np.float32)
-    seen, period = rng.random(shape) < 0.6, np.full(shape[:2], 0.05)
-    state = np.zeros((40, 2, 3, depth_state.SIZE))
-    depth = rng.uniform(0.3, 8, (40, 2, 3))
-    for k in range(400):
-        depth_state.observe(state, settings, period, odometry, images, seen, depth, k, True, np.arange(40))
-    assert np.isfinite(state).all()
-    for row in state.reshape(-1, depth_state.SIZE):
-        for first in (depth_state.COVARIANCE, depth_state.BASE_COVARIANCE):
-            p = matrix(row[first : first + 6])
-            sd = np.sqrt(np.diag(p))
-            assert np.linalg.eigvalsh(p / np.outer(sd, sd)).min() > -1e-12
+    for settings, alpha_lambda in ((SETTINGS, 120.0), (SETTINGS._replace(critical=1.0), 1e4)):
+        observers = Observers(120, settings, alpha_lambda=alpha_lambda, depth=rng.uniform(0.3, 8, 120))
+        for _ in range(400):
+            images, seen = rng.uniform(-0.6, 0.6, (120, 2)), rng.random(120) < 0.6
+            observers.sample(rng.uniform(-0.5, 0.5, (120, 3)), 0.05, images, seen)
+        numbers = observers.numbers
+        assert np.isfinite(numbers).all()
+        for row in numbers:
+            for place in (COVARIANCE, BASE_COVARIANCE):
+                p = matrix(row[place])
+                sd = np.sqrt(np.diag(p))
+                assert np.linalg.eigvalsh(p / np.outer(sd, sd)).min() > -1e-12
 
 
 def test_covariance_is_carried_by_the_derivative_of_the_step() -> None:
-    """100 random steps without noise, against central differences of `observer_step`."""
-    rng = np.random.default_rng(6)
+    """100 random steps without noise, against central differences of the estimate after the step."""
+    rng, cases = np.random.default_rng(6), []
     for _ in range(100):
-        s0, chi, dt = rng.uniform(-1, 1, 2), rng.uniform(0.1, 0.6), rng.uniform(0.02, 0.1)
-        u = rng.uniform(-0.4, 0.4, 3)
-        gains = rng.uniform(1, 20), rng.uniform(10, 1000)
-        s1 = s0 + rng.uniform(-0.02, 0.02, 2)
-        x = np.array([*(s0 + rng.uniform(-0.005, 0.005, 2)), chi])
-
-        def step(x: Float, fixed: Any = (s0, s1, u, dt, gains)) -> Any:
-            s0, s1, u, dt, gains = fixed
-            return np.array(depth_observer.observer_step(*np.hstack([s0, s1, x, u, dt, gains, 1e-3, 1e3])))
-
-        jacobian = np.column_stack([(step(x + d) - step(x - d)) / 2e-6 for d in 1e-6 * np.eye(3)])
-        half = rng.normal(size=(3, 3)) * [[0.01], [0.01], [0.05]]
-        p = half @ half.T
-        means = depth_observer.interval_means(*np.hstack([s0, s1, chi, u[0], u[2], dt]))
-        sigma2 = (u[0] * means[0] + u[1]) ** 2 + (u[0] * means[1]) ** 2
-        mode = depth_observer.modes(gains[0], gains[1] * sigma2, dt)
-        middle = (chi + step(x)[2]) / 2
-        six = tuple(p[np.triu_indices(3)])
-        new = depth_covariance.covariance_step(
-            six, means[0], means[1], middle, u[0], u[1], u[2], dt, gains[0], gains[1], mode, 0.0, 0.0, 0.0, 0.0, 0.0
+        s, chi, time, velocity = (
+            rng.uniform([-1, -1], 1),
+            *rng.uniform([0.1, 0.02], [0.6, 0.1]),
+            rng.uniform(-0.4, 0.4, 3),
         )
-        expected = jacobian @ p @ jacobian.T
-        scale = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
-        assert matrix(new) / scale == pytest.approx(expected / scale, abs=5e-3)
+        gains, after = rng.uniform([1, 10], [20, 1000]), s + rng.uniform(-0.02, 0.02, 2)
+        s_hat, half = s + rng.uniform(-0.005, 0.005, 2), rng.normal(size=(3, 3)) * [[0.01], [0.01], [0.05]]
+        cases.append((s, after, np.array([*s_hat, chi]), velocity, time, *gains, half @ half.T))
+    s0, s1, start, u, dt, h, alpha_lambda, p = (np.array(column) for column in zip(*cases, strict=True))
+    places = (depth_state.X_HAT, depth_state.Y_HAT, depth_state.CHI_HAT)
+
+    def step(x: Float) -> Observers:
+        observers = Observers(100, QUIET, h=h, alpha_lambda=alpha_lambda)
+        observers.sample([0, 0, 0], 0.0, s0)
+        for k in range(3):
+            observers.put(places[k], x[:, k])
+        for k, (i, j) in enumerate(zip(*np.triu_indices(3), strict=True)):
+            observers.put(depth_state.BASE_COVARIANCE + k * W, p[:, i, j])
+        observers.sample(u, dt, s1)
+        return observers
+
+    columns = [
+        (step(start + d).numbers[:, ESTIMATE] - step(start - d).numbers[:, ESTIMATE]) / 2e-6 for d in 1e-6 * np.eye(3)
+    ]
+    jacobian = np.stack(columns, axis=-1)
+    expected = jacobian @ p @ jacobian.mT
+    for row, of_differences in zip(step(start).numbers, expected, strict=True):
+        scale = np.sqrt(np.outer(np.diag(of_differences), np.diag(of_differences)))
+        assert matrix(row[BASE_COVARIANCE]) / scale == pytest.approx(of_differences / scale, abs=5e-3)
 
 
 @pytest.mark.parametrize("name", ["image_to_body", "body_to_image", "body_to_polar"])
@@ -96,8 +96,9 @@ def test_conversions_against_finite_differences(name: str) -> None:
 
 
 NOISY = {
+    # point, velocity, settings, samples per frame, gap
     "straight": ((5.0, 1.5, 0.5), (0.1, 0.0, 0.0), SETTINGS, 1, (0.0, 0.0)),
-    "turning, fast gains": ((4.0, 2.5, 1.0), (0.25, 0.0, 0.03), SETTINGS._replace(alpha_lambda=480.0), 1, (0.0, 0.0)),
+    "turning, fast gains": ((4.0, 2.5, 1.0), (0.25, 0.0, 0.03), SETTINGS, 1, (0.0, 0.0)),
     "critical": ((4.0, 2.5, 1.0), (0.25, 0.0, 0.03), SETTINGS._replace(critical=1.0), 1, (0.0, 0.0)),
     "lateral": ((5.0, 1.5, 0.5), (0.05, 0.1, 0.03), SETTINGS._replace(lateral_sd=0.01), 1, (0.0, 0.0)),
     "slow camera": ((5.0, 1.5, 0.5), (0.1, 0.0, 0.03), SETTINGS, 4, (0.0, 0.0)),
@@ -108,29 +109,23 @@ NOISY = {
 @pytest.mark.parametrize("name", NOISY)
 def test_covariance_is_that_of_many_noisy_runs(name: str) -> None:
     """2,000 runs of 5 s at 20 Hz; 1.6 % is one standard deviation of such a ratio."""
-    start, u, settings, every, gap = NOISY[name]
+    point, velocity, settings, every, gap = NOISY[name]
     rng, runs, dt = np.random.default_rng(8), 2000, 0.05
-    point, velocity = np.array(start), np.array(u)
-    state = np.zeros((runs, 1, 1, depth_state.SIZE))
-    depth = point[0] + rng.normal(0, settings.depth_sd, (runs, 1, 1))
+    depth = point[0] + rng.normal(0, 0.1, runs)
+    observers = Observers(runs, settings, alpha_lambda=480.0 if "fast" in name else 120.0, depth=depth, depth_sd=0.1)
     noise = np.array([settings.v_sd, settings.lateral_sd, settings.w_sd])
     for k in range(101):
-        moved = motion.arc(*np.hstack([velocity, k * dt]))
-        q = np.array([*motion.move_point(*np.hstack([point[:2], moved])), point[2]])
-        images = np.array([-q[1], -q[2]]) / q[0] + rng.normal(0, settings.image_sd, (runs, 1, 1, 1, 2))
-        odometry = velocity + noise * rng.normal(size=(runs, 1, 1, 3))
-        seen = np.full((runs, 1, 1, 1), k % every == 0 and not gap[0] < k * dt < gap[1])
-        period = np.full((runs, 1), dt if k else 0.0)
-        depth_state.observe(
-            state, np.array([settings]), period, odometry, images, seen, depth, 0, True, np.arange(runs)
-        )
-    rows = state[:, 0, 0]
-    measured = np.cov((rows[:, list(POINT)] - q).T)
-    stated = matrix(rows[:, depth_state.COVARIANCE : depth_state.COVARIANCE + 6].mean(axis=0))
+        moved = motion.arc(*velocity, k * dt)
+        q = np.array([*motion.move_point(*point[:2], *moved), point[2]])
+        images = np.array([-q[1], -q[2]]) / q[0] + rng.normal(0, settings.image_sd, (runs, 2))
+        odometry = velocity + noise * rng.normal(size=(runs, 3))
+        observers.sample(odometry, dt if k else 0.0, images, k % every == 0 and not gap[0] < k * dt < gap[1])
+    rows = observers.numbers
+    measured = np.cov((rows[:, POINT] - q).T)
+    stated = matrix(rows[:, COVARIANCE].mean(axis=0))
     assert np.sqrt(np.diag(measured) / np.diag(stated)) == pytest.approx(1, abs=0.08)
     scale = np.sqrt(np.outer(np.diag(stated), np.diag(stated)))
     assert measured / scale == pytest.approx(stated / scale, abs=0.15)
-    table = state.reshape(-1, depth_state.SIZE)
-    of_chi = np.mean([depth_state.image_covariance_now(table, i, 0.1)[5] for i in range(0, runs, 50)])
-    chi = 1 / rows[:, depth_state.Q_X]
+    of_chi = observers.image_covariance_now(0.1)[::50, 5].mean()
+    chi = 1 / rows[:, POINT[0]]
     assert np.std(chi) / math.sqrt(of_chi) == pytest.approx(1, abs=0.15)

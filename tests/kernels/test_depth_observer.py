@@ -1,10 +1,8 @@
 """The depth observer's equations, against SciPy's integrator, matrix exponentials and published reference times."""
 
-import itertools
 import math
 from typing import Any
 
-import numba
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -13,11 +11,12 @@ from scipy.linalg import expm
 
 from relloc_env.kernels import camera
 from relloc_env.kernels import depth_observer as kernels
+from tests.kernels.observers import ESTIMATE, SETTINGS, Observers
 
 Float = NDArray[np.float64]
 PAPER = {"p1": (0.0, 0.0, 5.0), "p2": (0.0, 5.0, 5.0), "p3": (5.0, 0.0, 5.0), "p4": (5.0, 5.0, 5.0)}
 """Points [x, y, z] in the camera frame of the first sample, seen from a camera that drives at 0.1 m/s."""
-BOUNDS = (1e-9, 1e2)
+UNBOUNDED = SETTINGS._replace(z_min=1e-2, z_max=1e9)
 
 
 def continuous(point: Any, depth: float, u: Any, gains: tuple[float, float], times: Float) -> Float:
@@ -45,14 +44,14 @@ def continuous(point: Any, depth: float, u: Any, gains: tuple[float, float], tim
     return solution
 
 
-def sampled(truth: Float, depth: float, u: Any, gains: tuple[float, float], dt: float) -> Any:
+def sampled(truth: Float, depth: float, u: Any, gains: tuple[float, float], dt: float) -> Float:
     """Run the observer on the true image coordinates, sample by sample."""
-    state = (truth[0, 0], truth[1, 0], 1 / depth)
-    states = [state]
-    for (x0, y0), (x1, y1) in itertools.pairwise(truth[:2].T):
-        state = kernels.observer_step(*np.hstack([x0, y0, x1, y1, state, u, dt, gains, BOUNDS]))
-        states.append(state)
-    return np.array(states, dtype=np.float64).T
+    observers = Observers(1, UNBOUNDED, h=gains[0], alpha_lambda=gains[1], depth=depth)
+    states = []
+    for k, image in enumerate(truth[:2].T):
+        observers.sample(u, dt if k else 0.0, image)
+        states.append(observers.numbers[0, ESTIMATE])
+    return np.array(states).T
 
 
 def grid(end: float, dt: float) -> Any:
@@ -194,39 +193,28 @@ def test_modes_are_the_matrix_exponential_in_every_regime() -> None:
         assert np.array([s, root * dt * i, s_0]) * dt == pytest.approx(exact[:3, 3], abs=2e-9 * dt)
 
 
-@numba.njit
-def run(images, state, v, lateral, w, dt, h, alpha_lambda, critical, chi_min, chi_max, out):
-    """Run the observer on images (T, 2), which need not belong to any point, into states (T - 1, 3)."""
-    xh, yh, chi = state
-    for t in range(len(images) - 1):
-        (x0, y0), (x1, y1) = images[t], images[t + 1]
-        gain = kernels.gains(v, lateral, x1, y1, h, alpha_lambda, critical, 0.5)
-        xh, yh, chi = kernels.observer_step(
-            x0, y0, x1, y1, xh, yh, chi, v, lateral, w, dt, gain, alpha_lambda, chi_min, chi_max
-        )
-        out[t, 0], out[t, 1], out[t, 2] = xh, yh, chi
-
-
-def test_stays_bounded_at_the_extremes() -> None:
+@pytest.mark.parametrize("critical", [0.0, 1.0])
+def test_stays_bounded_at_the_extremes(critical: float) -> None:
     """2,000 runs of 500 steps (a million states): any gain and period, images that jump at random, depths from 0.3 m.
 
     An image error decays at least by exp(-H dt) across Omega, and is fed by no more than `feed` a step.
     """
-    rng = np.random.default_rng(3)
-    states = np.empty((500, 3))
+    rng, runs = np.random.default_rng(3), 1000
     low, high = 1 / 30, 1 / 0.3
-    for case in range(2000):
-        h, alpha_lambda, dt = 0.5 + 99.5 * rng.random() ** 3, 1e4 * rng.random() ** 3, rng.uniform(0.005, 0.2)
-        v, lateral, w = rng.uniform(-1, 1, 3)
-        size = (0.5, 5.0)[case % 2]
-        images = rng.uniform(-size, size, (501, 2))
-        start = (*images[0], rng.uniform(low, high))
-        run(images, start, v, lateral, w, dt, h, alpha_lambda, case % 3 == 0, low, high, states)
+    h, alpha_lambda = 0.5 + 99.5 * rng.random(runs) ** 3, 1e4 * rng.random(runs) ** 3
+    u, dt, size = rng.uniform(-1, 1, (runs, 3)), rng.uniform(0.005, 0.2, runs), rng.choice([0.5, 5.0], runs)
+    settings = SETTINGS._replace(critical=critical, floor=0.5, z_min=1 / high, z_max=1 / low)
+    observers = Observers(runs, settings, h=h, alpha_lambda=alpha_lambda, depth=1 / rng.uniform(low, high, runs))
+    v, lateral, w = np.abs(u.T)
+    feed = 3 * size + dt * (w * (1 + 2 * size**2) + high * (2 * size * v + lateral))
+    bound = 4 * feed / (1 - np.exp(-(0.5 if critical else h) * dt))
+    for k in range(501):
+        images = size[:, None] * rng.uniform(-1, 1, (runs, 2))
+        observers.sample(u, dt if k else 0.0, images)
+        states = observers.numbers[:, ESTIMATE]
         assert states[:, 2].min() >= low * (1 - 1e-12)
         assert states[:, 2].max() <= high * (1 + 1e-12)
-        feed = 3 * size + dt * (abs(w) * (1 + 2 * size**2) + high * (2 * size * abs(v) + abs(lateral)))
-        floor = 0.5 if case % 3 == 0 else h
-        assert np.abs(states[:, :2] - images[1:]).max() <= 4 * feed / (1 - math.exp(-floor * dt))
+        assert (np.abs(states[:, :2] - images).max(axis=1) <= bound).all()
 
 
 @pytest.mark.parametrize("dt", [0.05, 0.1, 0.2])
@@ -237,22 +225,3 @@ def test_follows_the_continuous_observer_at_stiff_gains(gains: tuple[float, floa
     truth = continuous((0.5, 0.4, 1.5), 1.6, u, gains, grid(4, dt))
     depth = 1 / sampled(truth, 1.6, u, gains, dt)[2]
     assert np.abs(depth - 1 / truth[5]).max() < 1e-2
-
-
-def test_prediction_is_the_flow_in_open_loop() -> None:
-    """60 random cases against the integrated image flow."""
-    rng = np.random.default_rng(4)
-    for _ in range(60):
-        x, y, chi = rng.uniform(-1, 1), rng.uniform(-1, 1), rng.uniform(0.1, 1)
-        u, dt = rng.uniform(-0.5, 0.5, 3), rng.uniform(0.05, 0.5)
-
-        def rate(_: float, s: Float, u: Float = u) -> Any:
-            return camera.image_flow(*np.hstack([s, u]))
-
-        expected = solve_ivp(rate, (0, dt), (x, y, chi), method="DOP853", rtol=1e-11, atol=1e-13).y[:, -1]
-        assert kernels.predict(*np.hstack([x, y, chi, u, dt, 0.05])) == pytest.approx(expected, rel=1e-9, abs=1e-11)
-
-
-def test_prediction_past_the_camera_stays_finite_and_on_its_side() -> None:
-    x, y, chi = kernels.predict(0.5, 0.2, 2.0, 1.0, 0.0, 0.0, 2.0, 0.1)  # 0.5 m ahead, 0.25 m right; 2 m driven
-    assert (x, y, chi) == pytest.approx((2.5, 1.0, 10.0), rel=1e-12)

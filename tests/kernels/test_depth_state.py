@@ -1,4 +1,4 @@
-"""The depth observers of a batch, sample by sample: gaps, slow cameras, bearings, points behind."""
+"""The depth observers of a batch, sample by sample: steps, gaps, slow cameras, bearings, points behind."""
 
 import math
 from typing import Any
@@ -6,16 +6,14 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy.integrate import solve_ivp
+from scipy.integrate import simpson, solve_ivp
+from scipy.interpolate import CubicHermiteSpline
+from scipy.linalg import expm
 
-from relloc_env.kernels import depth_observer, depth_state
+from relloc_env.kernels import camera, depth_state
+from tests.kernels.observers import COVARIANCE, ESTIMATE, KNOWN, POINT, SETTINGS, TIME, Observers
 
 Float = NDArray[np.float64]
-SETTINGS = depth_state.Settings(
-    h=2.5, alpha_lambda=120.0, critical=0.0, floor=0.5, z_min=0.1, z_max=100.0, max_gap=0.3, depth_sd=0.1,
-    image_sd=0.002, v_sd=0.005, lateral_sd=0.0, w_sd=0.005,
-)  # fmt: skip
-POINT = depth_state.Q_X, depth_state.Q_Y, depth_state.HEIGHT
 
 
 def body(point: Float, pose: Float) -> Float:
@@ -40,24 +38,18 @@ def poses_along(velocities: Float, dt: float) -> Float:
     return np.array(poses)
 
 
-class Follower:
-    """One environment, one robot, one point."""
+class Follower(Observers):
+    """One point."""
 
-    def __init__(self, settings: depth_state.Settings = SETTINGS, depth: float = 5.0, covariance: bool = False) -> None:
-        self.state = np.zeros((1, 1, 1, depth_state.SIZE))
-        self.row = self.state[0, 0, 0]
-        self.settings = np.array([settings])
-        self.depth = np.full((1, 1, 1), depth)
-        self.covariance = covariance
+    def __init__(self, settings: depth_state.Settings = SETTINGS, depth: float = 5.0) -> None:
+        super().__init__(1, settings, depth=depth)
 
-    def sample(self, velocity: Any, dt: float, image: Any, seen: bool = True) -> Float:
-        """Take one sample and return the point now."""
-        odometry, picture = np.reshape(velocity, (1, 1, 1, 3)), np.reshape(image, (1, 1, 1, 1, 2))
-        depth_state.observe(
-            self.state, self.settings, np.full((1, 1), dt), odometry, picture, np.full((1, 1, 1, 1), seen),
-            self.depth, 0, self.covariance, np.arange(1),
-        )  # fmt: skip
-        return self.row[list(POINT)].copy()
+    def sample(self, velocity: Any, dt: Any, image: Any, seen: Any = True, robot: int = 0) -> Float:
+        return super().sample(velocity, dt, image, seen, robot)[0]
+
+    @property
+    def row(self) -> Float:
+        return self.numbers[0]
 
 
 def image(q: Float) -> Float:
@@ -74,22 +66,71 @@ def random_walk(rng: np.random.Generator, count: int, dt: float) -> tuple[Float,
     return velocities, poses_along(velocities, dt)
 
 
+def observer_step(s0: Float, s1: Float, state: Float, velocity: Float, dt: float) -> Float:
+    """Strang splitting with dense tools: half the flow of f_u, the exponential of the linear part, half the flow.
+
+    x and Omega are means over the cubic through both samples that has the slopes of the image flow.
+    """
+    v, lateral, w = velocity
+    ends = np.array([s0, s1])
+    slopes = [camera.image_flow(*s, state[2], *velocity)[:2] for s in ends]
+    path = CubicHermiteSpline([0.0, dt], ends, slopes)(np.array([0.0, 0.5, 1.0]) * dt)
+    mean, xx, xy = (simpson(f, dx=0.5, axis=0) for f in (path, path[:, 0] ** 2, path[:, 0] * path[:, 1]))
+    omega = v * mean + [lateral, 0.0]
+
+    def half_of_f_u(chi: float) -> float:
+        """dz/dt = -v - w x z, which is linear, over half the time."""
+        flow = expm(0.5 * dt * np.array([[-w * mean[0], -v], [0.0, 0.0]]))
+        return 1.0 / (flow @ [1.0 / chi, 1.0])[0]
+
+    drift = (s1 - s0) / dt - w * np.array([1.0 + xx, xy])
+    linear = np.zeros((4, 4))  # of e_x, e_y, chi, 1
+    linear[:2, :2], linear[:2, 2], linear[:2, 3], linear[2, :2] = -2.5 * np.eye(2), -omega, drift, 120.0 * omega
+    *e, chi, _ = expm(linear * dt) @ [*(s0 - state[:2]), half_of_f_u(state[2]), 1.0]
+    return np.array([*(s1 - e), half_of_f_u(chi)])
+
+
 def test_a_point_seen_in_every_sample_is_one_observer_step_each() -> None:
     rng = np.random.default_rng(1)
     velocities, poses = random_walk(rng, 100, 0.05)
     images = [image(body(np.array([4.0, 1.0, 0.5]), pose)) for pose in poses]
     follower = Follower()
-    assert follower.row[depth_state.KNOWN] == 0
+    assert follower.row[KNOWN] == 0
     follower.sample([0, 0, 0], 0.0, images[0])
-    state = (images[0][0], images[0][1], 1 / 5)
+    state = np.array([*images[0], 1 / 5])
     for velocity, before, now in zip(velocities, images, images[1:], strict=False):
         q = follower.sample(velocity, 0.05, now)
-        step = depth_observer.observer_step
-        state = step(*np.hstack([before, now, state, velocity, 0.05, 2.5, 120.0, 1 / 100, 1 / 0.1]))
-        assert q == pytest.approx(np.array([1, -state[0], -state[1]]) / state[2], rel=1e-12)
-        assert follower.row[depth_state.TIME] == 0
-    assert follower.row[depth_state.KNOWN] == 1
-    assert depth_state.image_now(follower.state.reshape(-1, depth_state.SIZE), 0, 0.1) == pytest.approx(state)
+        state = observer_step(before, now, state, velocity, 0.05)
+        assert follower.row[ESTIMATE] == pytest.approx(state, rel=1e-11)
+        assert q == pytest.approx(np.array([1, -state[0], -state[1]]) / state[2], rel=1e-11)
+        assert follower.row[TIME] == 0
+    assert follower.row[KNOWN] == 1
+    assert follower.image_now(0.1)[0] == pytest.approx(state)
+
+
+def test_unseen_it_is_the_image_flow_in_open_loop() -> None:
+    """60 random cases against the integrated image flow."""
+    rng = np.random.default_rng(4)
+    for _ in range(60):
+        x, y, chi = rng.uniform(-1, 1), rng.uniform(-1, 1), rng.uniform(0.1, 1)
+        u, dt = rng.uniform(-0.5, 0.5, 3), rng.uniform(0.05, 0.5)
+
+        def rate(_: float, s: Float, u: Float = u) -> Any:
+            return camera.image_flow(*s, *u)
+
+        expected = solve_ivp(rate, (0, dt), (x, y, chi), method="DOP853", rtol=1e-11, atol=1e-13).y[:, -1]
+        follower = Follower(depth=1 / chi)
+        follower.sample([0, 0, 0], 0.0, [x, y])
+        follower.sample(u, dt, [0, 0], seen=False)
+        assert follower.image_now(0.05)[0] == pytest.approx(expected, rel=1e-9, abs=1e-11)
+
+
+def test_past_the_camera_its_image_stays_finite_and_on_its_side() -> None:
+    """0.5 m ahead and 0.25 m to the right, 2 m driven: put at 0.1 m."""
+    follower = Follower(depth=0.5)
+    follower.sample([0, 0, 0], 0.0, [0.5, 0.2])
+    follower.sample([1, 0, 0], 2.0, [0, 0], seen=False)
+    assert follower.image_now(0.1)[0] == pytest.approx([2.5, 1.0, 10.0], rel=1e-12)
 
 
 def test_unseen_it_moves_as_a_static_point_does_also_behind_the_camera() -> None:
@@ -102,10 +143,10 @@ def test_unseen_it_moves_as_a_static_point_does_also_behind_the_camera() -> None
     for velocity, pose in zip(velocities, poses_along(velocities, 0.05)[1:], strict=True):
         q = follower.sample(velocity, 0.05, [0.0, 0.0], seen=False)
         assert q == pytest.approx(body(seen, pose), abs=1e-11)
-        x, y, chi = depth_state.image_now(follower.state.reshape(-1, depth_state.SIZE), 0, 0.1)
+        x, y, chi = follower.image_now(0.1)[0]
         assert np.isfinite([x, y, chi]).all()
         assert 0 < chi <= 10
-    assert follower.row[depth_state.TIME] == pytest.approx(426 * 0.05)
+    assert follower.row[TIME] == pytest.approx(426 * 0.05)
 
 
 def test_never_seen_stays_unknown() -> None:
@@ -187,11 +228,11 @@ def test_a_gap_keeps_the_prediction_and_then_the_error_falls_on() -> None:
 
 
 def test_a_point_predicted_behind_the_camera_starts_anew_where_it_is_seen() -> None:
-    follower = Follower(depth=1.0, covariance=True)
+    follower = Follower(depth=1.0)
     follower.sample([0, 0, 0], 0.0, [0.5, 0.0])
     for _ in range(40):
         follower.sample([1, 0, 0], 0.05, [0.0, 0.0], seen=False)
-    assert follower.row[depth_state.Q_X] == pytest.approx(-1)
+    assert follower.numbers[0, POINT[0]] == pytest.approx(-1)
     q = follower.sample([1, 0, 0], 0.05, [0.75, 0.2])
     distance = math.hypot(-1.05, 0.5)
     assert q == pytest.approx(np.array([1, -0.75, -0.2]) * distance / math.hypot(1, 0.75))
@@ -203,48 +244,48 @@ def test_bearings_without_height_use_the_horizontal_part_alone() -> None:
     rng = np.random.default_rng(3)
     velocities, poses = random_walk(rng, 100, 0.05)
     for critical in (0.0, 1.0):
-        bearing = Follower(SETTINGS._replace(critical=critical), covariance=True)
-        level = Follower(SETTINGS._replace(critical=critical), covariance=True)
+        bearing = Follower(SETTINGS._replace(critical=critical))
+        level = Follower(SETTINGS._replace(critical=critical))
         for k, pose in enumerate(poses):
             x = image(body(np.array([4.0, 1.0, 0.5]), pose))[0]
             velocity, dt = (velocities[k - 1], 0.05) if k else (np.zeros(3), 0.0)
             q = bearing.sample(velocity, dt, [x, math.nan], seen=k % 7 != 6)
             assert q == pytest.approx(level.sample(velocity, dt, [x, 0.0], seen=k % 7 != 6), rel=1e-14)
             assert q[2] == 0
-        p = bearing.row[depth_state.COVARIANCE : depth_state.COVARIANCE + 6]
-        expected = level.row[depth_state.COVARIANCE : depth_state.COVARIANCE + 6]
+        p, expected = bearing.row[COVARIANCE], level.row[COVARIANCE]
         assert p[[0, 1, 3]] == pytest.approx(expected[[0, 1, 3]], rel=1e-12)
         assert (p[[2, 4, 5]] == 0).all()
 
 
-def batch(rng: np.random.Generator, environments: int, samples: int) -> tuple[Any, ...]:
-    shape = (environments, samples, 2, 3)
-    odometry = rng.uniform(-0.5, 0.5, (environments, samples, 2, 3)).astype(np.float32)
-    images = rng.uniform(-0.6, 0.6, (*shape, 2)).astype(np.float32)
-    seen = rng.random(shape) < 0.6
-    return np.full(shape[:2], 0.05), odometry, images, seen
-
-
-def observe(state: Float, settings: Float, samples: tuple[Any, ...], depth: Float, k: int, rows: Any) -> None:
-    period, odometry, images, seen = samples
-    depth_state.observe(state, settings, period, odometry, images, seen, depth, k, True, rows)
-
-
-def test_only_the_given_rows_change_and_copied_rows_go_on_alike() -> None:
+def random_samples(count: int, samples: int) -> list[tuple[Any, ...]]:
     rng = np.random.default_rng(4)
-    settings = np.array([SETTINGS, SETTINGS._replace(critical=1.0, h=5.0)])
-    samples = batch(rng, 5, 40)
-    depth = rng.uniform(1, 8, (5, 2, 3))
-    state = np.zeros((5, 2, 3, depth_state.SIZE))
-    everyone = np.arange(5)
+    odometry = rng.uniform(-0.5, 0.5, (samples, count, 3))
+    images, seen = rng.uniform(-0.6, 0.6, (samples, count, 2)), rng.random((samples, count)) < 0.6
+    return [(u, 0.05, s, there) for u, s, there in zip(odometry, images, seen, strict=True)]
+
+
+def test_copied_numbers_go_on_alike() -> None:
+    """What is remembered is all that there is: put back where something else was, it goes on with the same bits."""
+    samples = random_samples(13, 40)
+    settings = SETTINGS._replace(critical=1.0)
+    first, second = Observers(13, settings), Observers(13, settings)
     for k in range(20):
-        observe(state, settings, samples, depth, k, everyone)
-    saved = state.copy()
-    for k in range(20, 40):
-        observe(state, settings, samples, depth, k, everyone)
-    again = saved.copy()
-    for k in range(20, 40):
-        observe(again, settings, samples, depth, k, np.array([3, 1]))
-    assert (again[[1, 3]] == state[[1, 3]]).all()
-    assert (again[[0, 2, 4]] == saved[[0, 2, 4]]).all()
-    assert not (state == saved).all()
+        first.sample(*samples[k])
+        second.sample(*samples[39 - k])
+    saved = first.numbers
+    assert not (saved == second.numbers).all()
+    second.restore(saved)
+    for sample in samples[20:]:
+        np.testing.assert_array_equal(first.sample(*sample), second.sample(*sample))
+    np.testing.assert_array_equal(first.numbers, second.numbers)
+    assert not (saved == first.numbers).all()
+
+
+def test_each_robot_has_settings_of_its_own() -> None:
+    samples, critical = random_samples(8, 20), SETTINGS._replace(critical=1.0)
+    pair, usual, other = Observers(8, SETTINGS, critical), Observers(8, SETTINGS), Observers(8, critical)
+    for velocity, dt, images, seen in samples:
+        q = pair.sample(velocity, dt, images, seen, robot=1)
+        np.testing.assert_array_equal(q, other.sample(velocity, dt, images, seen))
+        usual.sample(velocity, dt, images, seen)
+    assert not (pair.numbers == usual.numbers).all()
