@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from relloc_env.config import BoxConfig, DiscConfig, EnvConfig
+from relloc_env.kernels.lanes import W
 from relloc_env.kernels.placement import FIXED, GAUSSIAN, POSITIVE
 from relloc_env.kernels.world import BOX, DISC
 from relloc_env.samples import Float
@@ -18,7 +19,8 @@ PARAMETERS = np.dtype(
         "heading_error", "robot_distance", "margin", "guess_depth", "guess_position", "guess_heading",
     )]
     + [(name, np.int64) for name in (
-        "samples_per_action", "shield", "message_every", "start_in_view", "guess_kind",
+        "samples_per_action", "shield", "message_every", "start_in_view", "guess_kind", "perfect_network",
+        "actuator_noise", "image_noise", "misses", "odometry_noise", "width",
     )],
     align=True,
 )  # fmt: skip
@@ -42,6 +44,8 @@ def pack_parameters(config: EnvConfig) -> NDArray[np.void]:
     rate = config.network.rate
     shield, start, guess = config.shield, config.start, config.guess
     arena = config.arena or (math.inf, math.inf)
+    robots = [config.robot_of(r) for r in range(config.robots)]
+    cameras = [config.camera_of(r) for r in range(config.robots)]
     values: dict[str, float] = {
         "dt": config.sample_period,
         "half_x": 0.5 * arena[0],
@@ -66,6 +70,12 @@ def pack_parameters(config: EnvConfig) -> NDArray[np.void]:
         "message_every": 1 if rate is None else max(1, math.ceil(config.sample_rate / rate - 1e-9)),
         "start_in_view": start.in_view,
         "guess_kind": {"fixed": FIXED, "positive": POSITIVE, "gaussian": GAUSSIAN}[guess.kind],
+        "width": W,
+        "perfect_network": config.network.perfect,
+        "actuator_noise": any(max(robot.actuator_noise) > 0.0 for robot in robots),
+        "image_noise": any(camera.pixel_noise > 0.0 for camera in cameras),
+        "misses": any(camera.miss_probability > 0.0 for camera in cameras),
+        "odometry_noise": any(max(robot.odometry_noise) > 0.0 for robot in robots),
     }
     if shield is not None:
         values |= {"shield_target": shield.target, "shield_robot": shield.robot, "shield_wall": shield.wall}
@@ -120,7 +130,7 @@ def _gain(lag: float, dt: float) -> float:
 
 
 def pack_obstacles(obstacles: Sequence[DiscConfig | BoxConfig]) -> Float:
-    """Return (O, 7) rows as in `World.obstacles`."""
+    """Return (O, 7) rows, see `kernels.world.BOX`."""
     rows = np.zeros((len(obstacles), 7))
     for row, obstacle in zip(rows, obstacles, strict=True):
         if isinstance(obstacle, DiscConfig):

@@ -12,11 +12,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from relloc_env.config import ConfigError, EnvConfig, hint
-from relloc_env.kernels._compile import kernel
+from relloc_env.kernels import driving as dr
+from relloc_env.kernels import sensing as se
+from relloc_env.kernels._compile import inlined, inner, kernel
+from relloc_env.kernels.lanes import W
 from relloc_env.kernels.placement import place
-from relloc_env.kernels.sensing import exchange, look, measure_motion
-from relloc_env.kernels.streams import PURPOSES, seed_stream
-from relloc_env.kernels.world import Truth, World, drive, settle, settle_contact, touches
+from relloc_env.kernels.streams import ACTUATOR, PURPOSES, fill_normals, seed_stream
+from relloc_env.kernels.world import Truth, World, settle_contact
 from relloc_env.parameters import pack_obstacles, pack_parameters, pack_robots
 from relloc_env.samples import Float, Prior, Rows, Samples, empty_samples, ordered_pairs
 from relloc_env.world import ContactSolver
@@ -26,95 +28,238 @@ OPTIONS = ("poses", "points")
 
 
 @kernel
-def _sense(world, samples, truth, n, k, params, robots, pairs):
-    """Take sample k of environment n."""
-    look(world, samples, n, k, robots)
-    exchange(world, samples, n, k, params, pairs)
-    for r in range(robots.shape[0]):
-        for j in range(3):
-            truth.pose[n, k, r, j] = world.pose[n, r, j]
-            truth.velocity[n, k, r, j] = world.velocity[n, r, j]
-        for i in range(world.points.shape[1]):
-            truth.visible[n, k, r, i] = samples.seen[n, k, r, i]
-
-
-@kernel
-def _begin(world_, samples_, truth_, params_, robots, pairs, rows, failed):
+def _begin(
+    world_, params_, robots, obstacles, pairs, rows, failed,
+    pose, velocity, points, visible, tick, deliver, streams,
+    s_period, s_odometry, s_image, s_seen, s_arrived, t_pose, t_velocity, t_visible,
+):  # fmt: skip
     """Start new episodes and take their first sample; returns how many could not be placed (listed in `failed`)."""
-    world, samples, truth, params = World(*world_), Samples(*samples_), Truth(*truth_), params_[0]
-    count = 0
-    for row in rows:
-        if not place(world, row, params, robots, pairs):
-            failed[count] = row
+    world, params = World(*world_), params_[0]
+    targets = points.shape[1]
+    sights = (robots.shape[0] * dr.ROBOT + 3 * targets) * W
+    t, count = np.zeros(sights + robots.shape[0] * targets * se.SIGHT * W), 0
+    for n in rows:
+        if not place(world, n, params, robots, obstacles, pairs):
+            failed[count] = n
             count += 1
             continue
-        world.tick[row] = 0
-        world.position[row] = params.samples_per_action
-        world.moved[row] = False
-        world.deliver[row] = -1
-        world.velocity[row] = 0.0
-        world.wheels[row] = 0.0
-        world.command[row] = 0.0
-        world.contact[row] = False
-        world.collided[row] = False
-        world.blocked[row] = 0
-        samples.period[row, 0] = 0.0
-        samples.odometry[row, 0] = 0.0
-        _sense(world, samples, truth, row, 0, params, robots, pairs)
+        world.tick[n] = 0
+        world.position[n] = params.samples_per_action
+        world.deliver[n] = -1
+        world.velocity[n] = 0.0
+        world.wheels[n] = 0.0
+        world.command[n] = 0.0
+        world.contact[n] = False
+        world.collided[n] = False
+        world.blocked[n] = 0
+        s_odometry[n, 0] = 0.0
+        for r in range(robots.shape[0]):
+            for j in range(3):
+                t[dr.POSE + (r * dr.ROBOT + j) * W] = pose[n, r, j]
+        for i in range(targets):
+            for j in range(3):
+                t[(robots.shape[0] * dr.ROBOT + 3 * i + j) * W] = points[n, i, j]
+        se.draw(t, 0, streams, n, sights, targets, params, robots.shape[0])
+        _look(t, sights, targets, robots, obstacles, params.width)
+        _store(
+            t, 0, n, 0, 0.0, sights, params, robots, pairs, pose, velocity, visible, tick, deliver, streams,
+            s_period, s_image, s_seen, s_arrived, t_pose, t_velocity, t_visible,
+        )  # fmt: skip
     return count
 
 
+@inner
+def _look(t, sights, targets, robots, obstacles, width):
+    """What all cameras see, in all lanes."""
+    se.look(t, robots.shape[0] * dr.ROBOT * W, sights, targets, robots, obstacles, width)
+    for r in range(robots.shape[0]):
+        se.detect(t, sights + r * targets * se.SIGHT * W, robots[r], targets, width)
+
+
+@inner
+def _store(
+    t, lane, n, k, dt, sights, params, robots, pairs, pose, velocity, visible, tick, deliver, streams,
+    s_period, s_image, s_seen, s_arrived, t_pose, t_velocity, t_visible,
+):  # fmt: skip
+    """Write what was measured in sample k of environment n, and the truth beside it; send its messages."""
+    targets = visible.shape[2]
+    s_period[n, k] = dt
+    for r in range(robots.shape[0]):
+        for j in range(3):
+            t_pose[n, k, r, j] = pose[n, r, j]
+            t_velocity[n, k, r, j] = velocity[n, r, j]
+        frame = se.frame_due(tick[n], robots[r].frames_per_sample)
+        for i in range(targets):
+            s = lane + sights + (r * targets + i) * se.SIGHT * W
+            visible[n, r, i] = t[s + se.VISIBLE] != 0.0
+            seen = frame and t[s + se.MEASURED] != 0.0
+            s_seen[n, k, r, i] = seen
+            t_visible[n, k, r, i] = seen
+            s_image[n, k, r, i, 0] = t[s + se.X] if seen else 0.0
+            s_image[n, k, r, i, 1] = t[s + se.Y] if seen else 0.0
+    se.exchange(deliver, streams, s_arrived, tick[n], n, k, params, pairs)
+
+
 @kernel
-def _advance(world_, samples_, truth_, params_, robots, pairs, rows, waiting):
+def _advance(
+    actions, params_, robots, obstacles, pairs, rows, waiting, resumed,
+    pose, velocity, wheels, pending, command, points, visible, contact, collided, blocked, tick, position, deliver,
+    streams, s_period, s_odometry, s_image, s_seen, s_arrived, t_pose, t_velocity, t_visible,
+):  # fmt: skip
     """Go on with the action, sample by sample, until it is done or a contact has to be solved.
 
-    Returns how many environments wait for the contact solver (listed in `waiting`).
+    Args:
+        actions: [-] (N, R, 2) shares of the limits, taken up unless `resumed`.
+        params_, robots, obstacles, pairs: records and constants.
+        rows: environments to work on.
+        waiting: written: environments that wait for the contact solver.
+        resumed: whether the contact solver has just moved the robots of `rows`.
+        pose, ..., t_visible: fields of `World`, of `Samples` and of `Truth`.
+
+    Returns:
+        How many environments wait.
     """
-    world, samples, truth, params = World(*world_), Samples(*samples_), Truth(*truth_), params_[0]
-    count = 0
-    for n in rows:
-        while world.position[n] < params.samples_per_action:
-            if not world.moved[n]:
-                drive(world, n, params, robots)
-                if touches(world, n, params, robots):
-                    waiting[count] = n
-                    count += 1
-                    break
-                settle(world, n)
-            world.moved[n] = False
-            k = world.position[n]
-            world.tick[n] += 1
-            samples.period[n, k] = params.dt
-            measure_motion(world, samples, n, k, robots)
-            _sense(world, samples, truth, n, k, params, robots, pairs)
-            world.position[n] = k + 1
+    params, targets, count = params_[0], points.shape[1], 0
+    sights = (robots.shape[0] * dr.ROBOT + 3 * targets) * W
+    t = np.zeros(sights + robots.shape[0] * targets * se.SIGHT * W)
+    live = np.zeros(W, np.bool_)
+    for begin in range(0, rows.shape[0], W):
+        lanes = min(W, rows.shape[0] - begin)
+        for lane in range(lanes):
+            n = rows[begin + lane]
+            live[lane] = True
+            if not resumed:
+                _take_up(actions, n, robots, command, collided, blocked, position)
+            _load(t, lane, n, pose, velocity, wheels, command, points, blocked)
+        running, moved = lanes, resumed
+        while running > 0:
+            if not moved:
+                for lane in range(lanes):
+                    if live[lane] and params.actuator_noise:
+                        for r in range(robots.shape[0]):
+                            fill_normals(
+                                streams, rows[begin + lane], ACTUATOR, t, r * dr.ROBOT * W + dr.NOISE + lane, W, 2
+                            )
+                dr.drive(t, robots.shape[0] * dr.ROBOT * W, targets, params, robots, obstacles, params.width)
+                for lane in range(lanes):
+                    if live[lane] and _touches(t, lane, robots.shape[0]):
+                        n = rows[begin + lane]
+                        _leave(t, lane, n, wheels, blocked, pending)
+                        waiting[count] = n
+                        count += 1
+                        live[lane] = False
+                        running -= 1
+                dr.settle(t, robots.shape[0], params.width)
+            for lane in range(lanes):
+                if live[lane]:
+                    n = rows[begin + lane]
+                    se.draw(t, lane, streams, n, sights, targets, params, robots.shape[0])
+                    if not moved:
+                        _settle(t, lane, n, pose, velocity, contact)
+            moved = False
+            _look(t, sights, targets, robots, obstacles, params.width)
+            for lane in range(lanes):
+                if live[lane]:
+                    n = rows[begin + lane]
+                    k = position[n]
+                    tick[n] += 1
+                    position[n] = k + 1
+                    _store(
+                        t, lane, n, k, params.dt, sights, params, robots, pairs, pose, velocity, visible, tick, deliver,
+                        streams, s_period, s_image, s_seen, s_arrived, t_pose, t_velocity, t_visible,
+                    )  # fmt: skip
+                    _measure_motion(t, lane, n, k, robots, velocity, s_odometry)
+                    if k + 1 == params.samples_per_action:
+                        _finish(t, lane, n, wheels, blocked)
+                        live[lane] = False
+                        running -= 1
     return count
 
 
+@inlined
+def _take_up(actions, n, robots, command, collided, blocked, position):
+    """Take up a new action."""
+    position[n] = 0
+    for r in range(robots.shape[0]):
+        command[n, r, 0] = dr.speed_of(actions[n, r, 0], robots[r].min_speed, robots[r].max_speed)
+        command[n, r, 1] = dr.yaw_rate_of(actions[n, r, 1], robots[r].max_yaw_rate)
+        collided[n, r] = False
+        blocked[n, r] = 0
+
+
+@inlined
+def _load(t, lane, n, pose, velocity, wheels, command, points, blocked):
+    """Put the world of environment n into a lane."""
+    count = pose.shape[1]
+    for r in range(count):
+        i = lane + r * dr.ROBOT * W
+        for j in range(3):
+            t[i + dr.POSE + j * W] = pose[n, r, j]
+            t[i + dr.VELOCITY + j * W] = velocity[n, r, j]
+        for j in range(2):
+            t[i + dr.WHEELS + j * W] = wheels[n, r, j]
+            t[i + dr.COMMAND + j * W] = command[n, r, j]
+        t[i + dr.BLOCKED] = blocked[n, r]
+    for m in range(points.shape[1]):
+        for j in range(3):
+            t[lane + (count * dr.ROBOT + 3 * m + j) * W] = points[n, m, j]
+
+
+@inlined
+def _touches(t, lane, count):
+    """Whether any robot touches something."""
+    touched = 0.0
+    for r in range(count):
+        touched += t[lane + r * dr.ROBOT * W + dr.TOUCHES]
+    return touched > 0.0
+
+
+@inlined
+def _finish(t, lane, n, wheels, blocked):
+    """Keep what the next action starts from."""
+    for r in range(wheels.shape[1]):
+        i = lane + r * dr.ROBOT * W
+        wheels[n, r, 0], wheels[n, r, 1] = t[i + dr.WHEELS], t[i + dr.WHEELS + W]
+        blocked[n, r] = np.int64(t[i + dr.BLOCKED])
+
+
+@inlined
+def _leave(t, lane, n, wheels, blocked, pending):
+    """Hand a lane over to the contact solver."""
+    _finish(t, lane, n, wheels, blocked)
+    for r in range(wheels.shape[1]):
+        i = lane + r * dr.ROBOT * W
+        for j in range(3):
+            pending[n, r, j] = t[i + dr.END + j * W]
+
+
+@inlined
+def _settle(t, lane, n, pose, velocity, contact):
+    """The motion of a lane that touched nothing is the truth now."""
+    for r in range(pose.shape[1]):
+        i = lane + r * dr.ROBOT * W
+        for j in range(3):
+            pose[n, r, j] = t[i + dr.POSE + j * W]
+            velocity[n, r, j] = t[i + dr.VELOCITY + j * W]
+        contact[n, r] = False
+
+
+@inlined
+def _measure_motion(t, lane, n, k, robots, velocity, odometry):
+    """Odometry: the true mean velocity with noise. Wheels measure speed and yaw rate; a slide goes unnoticed."""
+    for r in range(robots.shape[0]):
+        i = lane + r * dr.ROBOT * W + dr.NOISE
+        odometry[n, k, r, 0] = velocity[n, r, 0] + robots[r].odometry_v * t[i]
+        odometry[n, k, r, 1] = 0.0
+        odometry[n, k, r, 2] = velocity[n, r, 2] + robots[r].odometry_w * t[i + W]
+
+
 @kernel
-def _after_contact(world_, params_, robots, rows):
+def _after_contact(world_, params_, robots, obstacles, rows):
     """Take over what the contact solver found."""
     world, params = World(*world_), params_[0]
     for n in rows:
-        settle_contact(world, n, params, robots)
-        world.moved[n] = True
-
-
-@kernel
-def _command(world_, robots, actions, rows):
-    """Scale actions in [-1, 1] to commands; a robot without reverse maps [-1, 1] to [0, max_speed]."""
-    world = World(*world_)
-    for n in rows:
-        world.position[n] = 0
-        for r in range(robots.shape[0]):
-            v, w = min(max(actions[n, r, 0], -1.0), 1.0), min(max(actions[n, r, 1], -1.0), 1.0)
-            if robots[r].min_speed < 0.0:
-                world.command[n, r, 0] = v * robots[r].max_speed
-            else:
-                world.command[n, r, 0] = 0.5 * (v + 1.0) * robots[r].max_speed
-            world.command[n, r, 1] = w * robots[r].max_yaw_rate
-            world.collided[n, r] = False
-            world.blocked[n, r] = 0
+        settle_contact(world, n, params, robots, obstacles)
 
 
 class Simulation:
@@ -133,7 +278,7 @@ class Simulation:
         self.pairs = ordered_pairs(r)
         p, window = len(self.pairs), config.message_window
         self.parameters, self.robots = pack_parameters(config), pack_robots(config)
-        obstacles = pack_obstacles(config.obstacles)
+        self.obstacles = pack_obstacles(config.obstacles)
         self.world = World(
             pose=np.zeros((n, r, 3)),
             velocity=np.zeros((n, r, 3)),
@@ -141,7 +286,6 @@ class Simulation:
             pending=np.zeros((n, r, 3)),
             command=np.zeros((n, r, 2)),
             points=np.zeros((n, m, 3)),
-            obstacles=np.tile(obstacles, (n, 1, 1)),
             fixed_poses=np.full((n, r, 3), np.nan),
             fixed_points=np.full((n, m, 3), np.nan),
             guess_depth=np.ones((n, r, m)),
@@ -152,7 +296,6 @@ class Simulation:
             blocked=np.zeros((n, r), np.int64),
             tick=np.zeros(n, np.int64),
             position=np.zeros(n, np.int64),
-            moved=np.zeros(n, np.bool_),
             deliver=np.full((n, p, window), -1, np.int64),
             streams=np.zeros((n, PURPOSES, 2), np.uint64),
         )
@@ -161,8 +304,9 @@ class Simulation:
         self._fix(np.arange(n), {})
         self._waiting = np.zeros(n, np.int64)
         self._solver: ContactSolver | None = None
-        self._world_, self._samples_, self._truth_ = tuple(self.world), tuple(self.samples), tuple(self.truth)
-        self._first_, self._first_truth_ = tuple(self.first), tuple(self.first_truth)
+        self._world_ = tuple(self.world)
+        self._arrays = (*(getattr(self.world, name) for name in _MOVED), *self.samples, *self.truth)
+        self._seen_at_start = (*(getattr(self.world, name) for name in _BEGUN), *self.first, *self.first_truth)
         self.seed(np.arange(n), [int(seed) for seed in np.random.SeedSequence().generate_state(n, np.uint64)])
 
     def seed(self, rows: Rows, seeds: Sequence[int]) -> None:
@@ -186,13 +330,13 @@ class Simulation:
             self._fix(rows, options)
         failed = _begin(
             self._world_,
-            self._first_,
-            self._first_truth_,
             self.parameters,
             self.robots,
+            self.obstacles,
             self.pairs,
             rows,
             self._waiting,
+            *self._seen_at_start,
         )
         if failed:
             raise ConfigError(
@@ -223,26 +367,19 @@ class Simulation:
             actions: [-] (N, R, 2) speed and yaw rate as shares of their limits, clipped to [-1, 1].
             rows: indices of the environments that move.
         """
-        _command(self._world_, self.robots, actions, rows)
+        resumed = False
         while True:
             count = _advance(
-                self._world_,
-                self._samples_,
-                self._truth_,
-                self.parameters,
-                self.robots,
-                self.pairs,
-                rows,
-                self._waiting,
-            )
+                actions, self.parameters, self.robots, self.obstacles, self.pairs, rows, self._waiting, resumed,
+                *self._arrays,
+            )  # fmt: skip
             if count == 0:
                 return
-            rows = self._waiting[:count].copy()
+            rows, resumed = self._waiting[:count].copy(), True
             if self._solver is None:
                 self._solver = ContactSolver(self.config)
-            for n in rows:
-                self._solver.solve(self.world, int(n))
-            _after_contact(self._world_, self.parameters, self.robots, rows)
+            self._solver.solve_many(self.world, rows)
+            _after_contact(self._world_, self.parameters, self.robots, self.obstacles, rows)
 
     @property
     def prior(self) -> Prior:
@@ -259,6 +396,15 @@ class Simulation:
         """Put back what `get_state` gave for as many rows, bit for bit."""
         for name in World._fields:
             getattr(self.world, name)[rows] = state[name]
+
+
+_MOVED = (
+    "pose", "velocity", "wheels", "pending", "command", "points", "visible", "contact", "collided", "blocked", "tick",
+    "position", "deliver", "streams",
+)  # fmt: skip
+"""Fields of `World` that `_advance` takes one by one (quicker to hand over than a tuple)."""
+_BEGUN = ("pose", "velocity", "points", "visible", "tick", "deliver", "streams")
+"""The same, of `_begin`."""
 
 
 def _blocks(n: int, k: int, r: int, m: int, p: int) -> tuple[Samples, Truth]:

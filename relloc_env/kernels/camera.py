@@ -6,10 +6,12 @@ inverse depth. `height` is the height of a point above the camera.
 
 import math
 
-from relloc_env.kernels._compile import kernel
+import numpy as np
+
+from relloc_env.kernels._compile import inlined, kernel
 
 
-@kernel
+@inlined
 def project(q_x, q_y, height):
     """Normalised image of a point, s = [-q_y, -height]/q_x, and chi = 1/q_x ([RMDA19] section III-A).
 
@@ -59,7 +61,7 @@ def to_polar(x, y, chi):
     return -math.atan(x), -y * cos, chi * cos
 
 
-@kernel
+@inlined
 def crosses_disc(a_x, a_y, b_x, b_y, c_x, c_y, radius):
     """Where the segment a-b first lies within a disc: fraction in [0, 1], or -1 where it does not."""
     d_x, d_y = b_x - a_x, b_y - a_y
@@ -67,28 +69,45 @@ def crosses_disc(a_x, a_y, b_x, b_y, c_x, c_y, radius):
     dd = d_x * d_x + d_y * d_y
     df = d_x * f_x + d_y * f_y
     ff = f_x * f_x + f_y * f_y - radius * radius
-    if ff <= 0.0:
-        return 0.0
     disc = df * df - dd * ff
-    if disc < 0.0 or df >= 0.0:
-        return -1.0
-    t = (-df - math.sqrt(disc)) / dd
-    return t if t <= 1.0 else -1.0
+    t = (-df - np.sqrt(max(disc, 0.0))) / dd
+    hit = (disc >= 0.0) & (df < 0.0) & (t <= 1.0)
+    return 0.0 if ff <= 0.0 else (t if hit else -1.0)
 
 
-@kernel
-def crosses_box(a_x, a_y, b_x, b_y, c_x, c_y, half_x, half_y, angle):
-    """Where the segment a-b first lies within a rotated box: fraction in [0, 1], or -1 where it does not."""
-    cos, sin = math.cos(angle), math.sin(angle)
+@inlined
+def crosses_box(a_x, a_y, b_x, b_y, c_x, c_y, half_x, half_y, cos, sin):
+    """Where the segment a-b first lies within a box turned by an angle of this cosine and sine, as `crosses_disc`."""
     a0, a1 = cos * (a_x - c_x) + sin * (a_y - c_y), -sin * (a_x - c_x) + cos * (a_y - c_y)
     d0, d1 = cos * (b_x - a_x) + sin * (b_y - a_y), -sin * (b_x - a_x) + cos * (b_y - a_y)
-    low, high = 0.0, 1.0
-    for start, step, half in ((a0, d0, half_x), (a1, d1, half_y)):
-        if step == 0.0:
-            if abs(start) > half:
-                return -1.0
-        else:
-            t0, t1 = (-half - start) / step, (half - start) / step
-            low = max(low, min(t0, t1))
-            high = min(high, max(t0, t1))
+    low_0, high_0 = _slab(a0, d0, half_x)
+    low_1, high_1 = _slab(a1, d1, half_y)
+    low, high = max(low_0, low_1, 0.0), min(high_0, high_1, 1.0)
     return low if low <= high else -1.0
+
+
+@inlined
+def _slab(start, step, half):
+    """Fractions between which start + t step lies within ±half."""
+    t_0, t_1 = (-half - start) / step, (half - start) / step
+    low, high = min(t_0, t_1), max(t_0, t_1)
+    still, inside = step == 0.0, abs(start) <= half
+    return (
+        ((-np.inf if inside else np.inf) if still else low),
+        ((np.inf if inside else -np.inf) if still else high),
+    )
+
+
+@inlined
+def view(x, y, cos, sin, height, p_x, p_y, p_z):
+    """(depth, x, y) of a point in the image of a camera at (x, y), looking along a heading of this cosine and sine.
+
+    Args:
+        x, y, cos, sin: [m, m, -, -] where the camera is and looks, {W}.
+        height: [m] of the camera.
+        p_x, p_y, p_z: [m] the point, {W}.
+    """
+    d_x, d_y = p_x - x, p_y - y
+    depth = cos * d_x + sin * d_y
+    image_x, image_y, _ = project(depth, cos * d_y - sin * d_x, p_z - height)
+    return depth, image_x, image_y

@@ -4,7 +4,7 @@ import math
 
 from relloc_env.kernels._compile import kernel
 from relloc_env.kernels.motion import relative, wrap_angle
-from relloc_env.kernels.sensing import hidden, in_image
+from relloc_env.kernels.sensing import in_view
 from relloc_env.kernels.streams import SCENARIO, integer, normal, uniform
 from relloc_env.kernels.world import clearance
 
@@ -23,7 +23,7 @@ def _between(low, high, stream):
 
 
 @kernel
-def _draw_points(world, n, params, robots):
+def _draw_points(world, n, params, robots, obstacles):
     """Draw the targets that are not fixed: the first anywhere, the others around it. Returns whether they fit."""
     stream = world.streams[n, SCENARIO]
     points = world.points
@@ -44,7 +44,7 @@ def _draw_points(world, n, params, robots):
         points[n, i, 2] = robots[0].mount_height + _between(params.height_min, params.height_max, stream)
         if abs(x) > half_x or abs(y) > half_y:
             return False
-        if clearance(x, y, params.half_x, params.half_y, world.obstacles[n]) <= 0.0:
+        if clearance(x, y, params.half_x, params.half_y, obstacles) <= 0.0:
             return False
         for j in range(i):
             distance = math.hypot(x - points[n, j, 0], y - points[n, j, 1])
@@ -65,7 +65,7 @@ def _within_reach(world, n, x, y, params):
 
 
 @kernel
-def _draw_robot(world, n, r, params, robots):
+def _draw_robot(world, n, r, params, robots, obstacles):
     """Draw one robot's pose around the targets. Returns whether it meets the conditions."""
     stream = world.streams[n, SCENARIO]
     points, pose = world.points, world.pose
@@ -75,7 +75,7 @@ def _draw_robot(world, n, r, params, robots):
     x, y = points[n, i, 0] + reach * math.cos(angle), points[n, i, 1] + reach * math.sin(angle)
     error = params.heading_error * _between(-1.0, 1.0, stream)
     room = max(params.margin, robots[r].radius)
-    if clearance(x, y, params.half_x, params.half_y, world.obstacles[n]) < room:
+    if clearance(x, y, params.half_x, params.half_y, obstacles) < room:
         return False
     if not _within_reach(world, n, x, y, params):
         return False
@@ -93,19 +93,18 @@ def _draw_robot(world, n, r, params, robots):
 
 
 @kernel
-def _all_in_view(world, n, r, robots):
-    """Whether robot r sees every target."""
+def _all_in_view(world, n, r, robots, others, obstacles):
+    """Whether robot r sees every target past the robots before `others`."""
+    seen = 0
     for i in range(world.points.shape[1]):
-        inside, _, _ = in_image(world, n, r, i, robots)
-        if not inside or hidden(world, n, r, i, robots):
-            return False
-    return True
+        seen += in_view(world, n, r, i, robots, others, obstacles)
+    return seen == world.points.shape[1]
 
 
 @kernel
-def _try_place(world, n, params, robots):
+def _try_place(world, n, params, robots, obstacles):
     """One attempt at targets and poses."""
-    if not _draw_points(world, n, params, robots):
+    if not _draw_points(world, n, params, robots, obstacles):
         return False
     drawn = world.fixed_points[n, 0, 0] != world.fixed_points[n, 0, 0]
     for r in range(robots.shape[0]):
@@ -117,8 +116,9 @@ def _try_place(world, n, params, robots):
             continue
         placed = False
         for _ in range(ROBOT_TRIES):
-            placed = _draw_robot(world, n, r, params, robots) and (
-                not params.start_in_view or _all_in_view(world, n, r, robots[: r + 1])  # the others are not placed yet
+            placed = _draw_robot(world, n, r, params, robots, obstacles) and (
+                not params.start_in_view
+                or _all_in_view(world, n, r, robots, r, obstacles)  # the others are not placed yet
             )
             if placed:
                 break
@@ -127,7 +127,7 @@ def _try_place(world, n, params, robots):
     drawn = drawn or world.fixed_poses[n, 0, 0] != world.fixed_poses[n, 0, 0]
     if drawn and params.start_in_view:  # a robot placed later may hide a target from an earlier one
         for r in range(robots.shape[0]):
-            if not _all_in_view(world, n, r, robots):
+            if not _all_in_view(world, n, r, robots, robots.shape[0], obstacles):
                 return False
     return True
 
@@ -171,11 +171,11 @@ def _draw_guesses(world, n, params, robots, pairs):
 
 
 @kernel
-def place(world, n, params, robots, pairs):
+def place(world, n, params, robots, obstacles, pairs):
     """Draw an episode's start. Returns whether one was found that meets the conditions."""
     found = False
     for _ in range(TRIES):
-        if _try_place(world, n, params, robots):
+        if _try_place(world, n, params, robots, obstacles):
             found = True
             break
     _draw_guesses(world, n, params, robots, pairs)

@@ -1,151 +1,247 @@
-"""What a robot measures in one sample: image points, odometry; and which messages reach it."""
+"""What a robot measures in one sample: image points, odometry; and which messages reach it. In lanes (`kernels.lanes`).
+
+`in_view` is the same for one robot and target of `World`, for the drawing of starts.
+"""
 
 import math
 
 import numpy as np
 
-from relloc_env.kernels._compile import kernel
-from relloc_env.kernels.camera import crosses_box, crosses_disc
-from relloc_env.kernels.streams import IMAGE, NETWORK, ODOMETRY, normal, uniform
+from relloc_env.kernels import driving as dr
+from relloc_env.kernels._compile import inlined, inner, kernel
+from relloc_env.kernels.camera import crosses_box, crosses_disc, view
+from relloc_env.kernels.elementary import sin_cos
+from relloc_env.kernels.lanes import W
+from relloc_env.kernels.streams import IMAGE, NETWORK, ODOMETRY, fill_normals, fill_uniforms, uniform
 from relloc_env.kernels.world import DISC
 
+VISIBLE, MEASURED, X, Y = 0 * W, 1 * W, 2 * W, 3 * W
+"""Of a robot and a target: 1 where it is in view, 1 where it is measured, and where [-]."""
+NOISE, CHANCE = 4 * W, 6 * W
+"""Two standard normals and a uniform number."""
+SIGHT = 7
+"""Numbers of a robot and a target in the workspace."""
+
+
+@inlined
+def _inside(z, x, y, near, far, x_min, x_max, y_min, y_max):
+    """Whether an image point is within the limits of depth and the borders of the image."""
+    return (z >= near) & (z <= far) & (z > 0.0) & (x_min <= x) & (x <= x_max) & (y_min <= y) & (y <= y_max)
+
+
+@inlined
+def _low_end(x, y, z, p_x, p_y, p_z):
+    """The line of sight from its lower end a to b: where it first crosses a body is where it is lowest above it."""
+    down = p_z < z
+    return (
+        p_x if down else x, p_y if down else y, p_z if down else z,
+        x if down else p_x, y if down else p_y, z if down else p_z,
+    )  # fmt: skip
+
+
+@inlined
+def _hides_disc(x, y, z, p_x, p_y, p_z, c_x, c_y, radius, height):
+    """Whether an upright cylinder stands in the line of sight from (x, y, z) to p."""
+    a_x, a_y, a_z, b_x, b_y, b_z = _low_end(x, y, z, p_x, p_y, p_z)
+    at = crosses_disc(a_x, a_y, b_x, b_y, c_x, c_y, radius)
+    return (at >= 0.0) & (a_z + at * (b_z - a_z) < height)
+
+
+@inlined
+def _hides_box(x, y, z, p_x, p_y, p_z, c_x, c_y, half_x, half_y, cos, sin, height):
+    """Whether a box stands in the line of sight from (x, y, z) to p."""
+    a_x, a_y, a_z, b_x, b_y, b_z = _low_end(x, y, z, p_x, p_y, p_z)
+    at = crosses_box(a_x, a_y, b_x, b_y, c_x, c_y, half_x, half_y, cos, sin)
+    return (at >= 0.0) & (a_z + at * (b_z - a_z) < height)
+
 
 @kernel
-def in_image(world, n, r, i, robots):
-    """Project target i into robot r's image.
-
-    Returns:
-        (ahead, x, y): whether it is within the borders and the depth limits of the image; normalised coordinates.
-    """
-    robot = robots[r]
-    cos, sin = math.cos(world.pose[n, r, 2]), math.sin(world.pose[n, r, 2])
-    d_x = world.points[n, i, 0] - world.pose[n, r, 0]
-    d_y = world.points[n, i, 1] - world.pose[n, r, 1]
-    z = cos * d_x + sin * d_y
-    if z < robot.near or z > robot.far or z <= 0.0:
-        return False, 0.0, 0.0
-    x = (sin * d_x - cos * d_y) / z
-    y = (robot.mount_height - world.points[n, i, 2]) / z
-    inside = robot.x_min <= x <= robot.x_max and robot.y_min <= y <= robot.y_max
-    return inside, x, y
-
-
-@kernel
-def hidden(world, n, r, i, robots):
-    """Whether an obstacle or another robot stands in the line of sight from robot r's camera to target i.
-
-    The line is followed from its lower end a: where it first crosses a body is where it is lowest above it.
-    """
-    a_x, a_y, a_z = world.pose[n, r, 0], world.pose[n, r, 1], robots[r].mount_height
-    b_x, b_y, b_z = world.points[n, i, 0], world.points[n, i, 1], world.points[n, i, 2]
-    if b_z < a_z:
-        a_x, a_y, a_z, b_x, b_y, b_z = b_x, b_y, b_z, a_x, a_y, a_z
-    for other in range(robots.shape[0]):
-        if other != r:
-            c_x, c_y = world.pose[n, other, 0], world.pose[n, other, 1]
-            at = crosses_disc(a_x, a_y, b_x, b_y, c_x, c_y, robots[other].radius)
-            if at >= 0.0 and a_z + at * (b_z - a_z) < robots[other].height:
-                return True
-    obstacles = world.obstacles[n]
+def in_view(world, n, r, i, robots, others, obstacles):
+    """Whether robot r of environment n sees target i past the robots before `others` and the obstacles (O, 7)."""
+    x, y, height = world.pose[n, r, 0], world.pose[n, r, 1], robots[r].mount_height
+    p_x, p_y, p_z = world.points[n, i, 0], world.points[n, i, 1], world.points[n, i, 2]
+    sin, cos = sin_cos(world.pose[n, r, 2])
+    z, image_x, image_y = view(x, y, cos, sin, height, p_x, p_y, p_z)
+    c = robots[r]
+    if not _inside(z, image_x, image_y, c.near, c.far, c.x_min, c.x_max, c.y_min, c.y_max):
+        return False
+    for k in range(others):
+        c_x, c_y = world.pose[n, k, 0], world.pose[n, k, 1]
+        if k != r and _hides_disc(x, y, height, p_x, p_y, p_z, c_x, c_y, robots[k].radius, robots[k].height):
+            return False
     for o in range(obstacles.shape[0]):
+        c_x, c_y, a, b = obstacles[o, 1], obstacles[o, 2], obstacles[o, 3], obstacles[o, 4]
+        top = obstacles[o, 6]
         if obstacles[o, 0] == DISC:
-            at = crosses_disc(a_x, a_y, b_x, b_y, obstacles[o, 1], obstacles[o, 2], obstacles[o, 3])
+            if _hides_disc(x, y, height, p_x, p_y, p_z, c_x, c_y, a, top):
+                return False
         else:
-            at = crosses_box(
-                a_x, a_y, b_x, b_y, obstacles[o, 1], obstacles[o, 2], obstacles[o, 3], obstacles[o, 4], obstacles[o, 5]
-            )
-        if at >= 0.0 and a_z + at * (b_z - a_z) < obstacles[o, 6]:
-            return True
-    return False
+            cos, sin = math.cos(obstacles[o, 5]), math.sin(obstacles[o, 5])
+            if _hides_box(x, y, height, p_x, p_y, p_z, c_x, c_y, a, b, cos, sin, top):
+                return False
+    return True
 
 
-@kernel
-def _detect(x, focal, centre, noise, step, stream):
+@inner
+def look(t, points, sights, targets, robots, obstacles, width):
+    """Image points of all targets for all robots, and which are in view.
+
+    Args:
+        t: workspace, robots first (`kernels.driving`).
+        points: place of the first target, (x, y, z) each.
+        sights: place of the first of the R M sights, `SIGHT` numbers each.
+        targets: count M of targets.
+        robots: records.
+        obstacles: (O, 7), see `kernels.world`.
+        width: lanes of a block.
+    """
+    count = robots.shape[0]
+    for r in range(count):
+        _face(t, r * dr.ROBOT * W, width)
+    for r in range(count):
+        for i in range(targets):
+            p, q, s = r * dr.ROBOT * W, points + 3 * i * W, sights + (r * targets + i) * SIGHT * W
+            _project(t, p, q, s, robots[r], width)
+            for other in range(count):
+                if other != r:
+                    _hide_robot(t, p, q, s, other * dr.ROBOT * W, robots[r], robots[other], width)
+            for o in range(obstacles.shape[0]):
+                _hide(t, p, q, s, obstacles, o, robots[r], width)
+
+
+@inner
+def _face(t, p, width):
+    """Cosine and sine of a robot's heading."""
+    t = t[p:]
+    for i in range(width):
+        t[i + dr.SIN], t[i + dr.COS] = sin_cos(t[i + dr.POSE + 2 * W])
+
+
+@inner
+def _project(t, p, q, s, robot, width):
+    """One target in one robot's image."""
+    t, u, sight, height = t[p:], t[q:], t[s:], robot.mount_height
+    near, far, x_min, x_max, y_min, y_max = robot.near, robot.far, robot.x_min, robot.x_max, robot.y_min, robot.y_max
+    for i in range(width):
+        cos, sin = t[i + dr.COS], t[i + dr.SIN]
+        z, x, y = view(t[i + dr.POSE], t[i + dr.POSE + W], cos, sin, height, u[i], u[i + W], u[i + 2 * W])
+        sight[i + VISIBLE] = 1.0 if _inside(z, x, y, near, far, x_min, x_max, y_min, y_max) else 0.0
+        sight[i + X], sight[i + Y] = x, y
+
+
+@inner
+def _hide_robot(t, p, q, s, other, robot, body, width):
+    """Hide a target where another robot stands in the line of sight."""
+    height, radius, top = robot.mount_height, body.radius, body.height
+    t, u, sight, other = t[p:], t[q:], t[s:], t[other:]
+    for i in range(width):
+        x, y, c_x, c_y = t[i + dr.POSE], t[i + dr.POSE + W], other[i + dr.POSE], other[i + dr.POSE + W]
+        hides = _hides_disc(x, y, height, u[i], u[i + W], u[i + 2 * W], c_x, c_y, radius, top)
+        sight[i + VISIBLE] = min(sight[i + VISIBLE], 0.0 if hides else 1.0)
+
+
+@inner
+def _hide(t, p, q, s, obstacles, o, robot, width):
+    """Hide a target where an obstacle stands in the line of sight."""
+    c_x, c_y, a, b = obstacles[o, 1], obstacles[o, 2], obstacles[o, 3], obstacles[o, 4]
+    top, height = obstacles[o, 6], robot.mount_height
+    t, u, sight = t[p:], t[q:], t[s:]
+    if obstacles[o, 0] == DISC:
+        for i in range(width):
+            x, y = t[i + dr.POSE], t[i + dr.POSE + W]
+            hides = _hides_disc(x, y, height, u[i], u[i + W], u[i + 2 * W], c_x, c_y, a, top)
+            sight[i + VISIBLE] = min(sight[i + VISIBLE], 0.0 if hides else 1.0)
+    else:
+        cos, sin = math.cos(obstacles[o, 5]), math.sin(obstacles[o, 5])
+        for i in range(width):
+            x, y = t[i + dr.POSE], t[i + dr.POSE + W]
+            hides = _hides_box(x, y, height, u[i], u[i + W], u[i + 2 * W], c_x, c_y, a, b, cos, sin, top)
+            sight[i + VISIBLE] = min(sight[i + VISIBLE], 0.0 if hides else 1.0)
+
+
+@inlined
+def _detect(x, focal, centre, noise, step):
     """One coordinate of a detection: pixel noise, then rounding to `step` pixels; back to normalised coordinates."""
-    pixel = focal * x + centre
-    if noise > 0.0:
-        pixel += noise * normal(stream)
-    if step > 0.0:
-        pixel = step * math.floor(pixel / step + 0.5)
-    return (pixel - centre) / focal
+    pixel = focal * x + centre + noise
+    rounded = step * np.floor(pixel / step + 0.5)
+    return ((rounded if step > 0.0 else pixel) - centre) / focal
 
 
-@kernel
-def _frame_due(tick, rate):
+@inner
+def detect(t, sights, robot, targets, width):
+    """What one robot's camera makes of the targets in view: where, and whether one is missed.
+
+    Args:
+        t: workspace.
+        sights: place of the first of the robot's M sights; their noise is drawn.
+        robot: record.
+        targets: count M of targets.
+        width: lanes of a block.
+    """
+    focal, c_x, c_y = robot.focal_length, robot.centre_x, robot.centre_y
+    noise, step, missed = robot.pixel_noise, robot.quantisation, robot.miss_probability
+    for m in range(targets):
+        sight = t[sights + m * SIGHT * W :]
+        for i in range(width):
+            sight[i + MEASURED] = sight[i + VISIBLE] if sight[i + CHANCE] >= missed else 0.0
+            sight[i + X] = _detect(sight[i + X], focal, c_x, noise * sight[i + NOISE], step)
+            sight[i + Y] = _detect(sight[i + Y], focal, c_y, noise * sight[i + NOISE + W], step)
+
+
+@inner
+def draw(t, lane, streams, n, sights, targets, params, count):
+    """Draw what one environment's sample needs; how much does not depend on what is seen.
+
+    Args:
+        t, lane: workspace and lane.
+        streams: uint64 (N, S, 2); n: environment.
+        sights: place of the first of the R M sights.
+        targets: count M of targets.
+        params: record.
+        count: robots.
+    """
+    if params.image_noise:
+        for k in range(count * targets):
+            fill_normals(streams, n, IMAGE, t, sights + k * SIGHT * W + NOISE + lane, W, 2)
+    if params.misses:
+        fill_uniforms(streams, n, IMAGE, t, sights + CHANCE + lane, SIGHT * W, count * targets)
+    if params.odometry_noise:
+        for r in range(count):
+            fill_normals(streams, n, ODOMETRY, t, r * dr.ROBOT * W + dr.NOISE + lane, W, 2)
+
+
+@inlined
+def frame_due(tick, rate):
     """Whether a camera with `rate` <= 1 frames per sample takes one at this tick: the first, and each that is due."""
     return tick == 0 or math.floor(tick * rate + 1e-9) > math.floor((tick - 1) * rate + 1e-9)
 
 
-@kernel
-def look(world, samples, n, k, robots):
-    """Fill image points and visibility of sample k."""
-    stream = world.streams[n, IMAGE]
-    for r in range(robots.shape[0]):
-        robot = robots[r]
-        frame = _frame_due(world.tick[n], robot.frames_per_sample)
-        for i in range(world.points.shape[1]):
-            inside, x, y = in_image(world, n, r, i, robots)
-            inside = inside and not hidden(world, n, r, i, robots)
-            world.visible[n, r, i] = inside
-            seen = inside and frame
-            if seen and robot.miss_probability > 0.0:
-                seen = uniform(stream) >= robot.miss_probability
-            samples.seen[n, k, r, i] = seen
-            if seen:
-                samples.image[n, k, r, i, 0] = _detect(
-                    x, robot.focal_length, robot.centre_x, robot.pixel_noise, robot.quantisation, stream
-                )
-                samples.image[n, k, r, i, 1] = _detect(
-                    y, robot.focal_length, robot.centre_y, robot.pixel_noise, robot.quantisation, stream
-                )
-            else:
-                samples.image[n, k, r, i, 0] = 0.0
-                samples.image[n, k, r, i, 1] = 0.0
-
-
-@kernel
-def measure_motion(world, samples, n, k, robots):
-    """Fill the odometry of sample k: the true mean velocity with noise.
-
-    The wheels measure speed along the heading and yaw rate; a slide to the side goes unnoticed.
-    """
-    stream = world.streams[n, ODOMETRY]
-    for r in range(robots.shape[0]):
-        v, w = world.velocity[n, r, 0], world.velocity[n, r, 2]
-        if robots[r].odometry_v > 0.0:
-            v += robots[r].odometry_v * normal(stream)
-        if robots[r].odometry_w > 0.0:
-            w += robots[r].odometry_w * normal(stream)
-        samples.odometry[n, k, r, 0] = v
-        samples.odometry[n, k, r, 1] = 0.0
-        samples.odometry[n, k, r, 2] = w
-
-
-@kernel
-def exchange(world, samples, n, k, params, pairs):
+@inner
+def exchange(deliver, streams, arrived, tick, n, k, params, pairs):
     """Send this sample's messages, and mark those that arrive now.
 
     A message made at a tick arrives after latency + jitter, at the first sample that is not before; or never.
     """
-    tick = world.tick[n]
-    window = world.deliver.shape[2]
-    stream = world.streams[n, NETWORK]
+    if params.perfect_network:
+        for p in range(pairs.shape[0]):
+            arrived[n, k, p] = np.uint64(1)
+        return
+    window = deliver.shape[2]
     for p in range(pairs.shape[0]):
         due = tick
         if params.message_every > 1 and tick % params.message_every != 0:
             due = -1
         else:
-            if params.loss > 0.0 and uniform(stream) < params.loss:
+            if params.loss > 0.0 and uniform(streams[n, NETWORK]) < params.loss:
                 due = -1
+            delay = params.latency
             if params.jitter > 0.0:
-                delay = params.latency + params.jitter * uniform(stream)
-            else:
-                delay = params.latency
+                delay += params.jitter * uniform(streams[n, NETWORK])
             if due >= 0:
                 due = tick + np.int64(math.ceil(delay / params.dt - 1e-9))
-        world.deliver[n, p, tick % window] = due
-        arrived = np.uint64(0)
+        deliver[n, p, tick % window] = due
+        came = np.uint64(0)
         for age in range(min(window, tick + 1)):
-            if world.deliver[n, p, (tick - age) % window] == tick:
-                arrived |= np.uint64(1) << np.uint64(age)
-        samples.arrived[n, k, p] = arrived
+            if deliver[n, p, (tick - age) % window] == tick:
+                came |= np.uint64(1) << np.uint64(age)
+        arrived[n, k, p] = came

@@ -13,7 +13,7 @@ import math
 
 import numpy as np
 
-from relloc_env.kernels._compile import kernel
+from relloc_env.kernels._compile import inlined, inner, kernel
 
 SCENARIO, IMAGE, ODOMETRY, NETWORK, ACTUATOR = range(5)
 """Purposes: index of the stream along the axis S."""
@@ -71,7 +71,7 @@ def seed_stream(stream, seed, purpose):
     stream[1] = mix(start + _2 * _GOLDEN)
 
 
-@kernel
+@inlined
 def advance_state(s0, s1):
     """One step of xoroshiro128++ (rotations 49, 21, 28): (output, s0, s1), all uint64."""
     total = s0 + s1
@@ -80,7 +80,7 @@ def advance_state(s0, s1):
     return output, ((s0 << _49) | (s0 >> (_64 - _49))) ^ s1 ^ (s1 << _21), (s1 << _28) | (s1 >> (_64 - _28))
 
 
-@kernel
+@inlined
 def unit(bits):
     """The upper 53 bits of a uint64 as a number in [0, 1)."""
     return float(np.int64(bits >> _11)) * _UNIT
@@ -114,7 +114,13 @@ def integer(stream, n):
 @kernel
 def normal(stream):
     """Standard normal by the ziggurat of 256 layers, exact in the tail too. `stream`: uint64 (2,) changed in place."""
-    s0, s1 = stream[0], stream[1]  # held as numbers: an array in nested loops would be counted at every turn
+    x, stream[0], stream[1] = _normal(stream[0], stream[1])
+    return x
+
+
+@inner
+def _normal(s0, s1):
+    """(standard normal, s0, s1): the state is held as numbers."""
     while True:
         bits, s0, s1 = advance_state(s0, s1)
         layer = np.int64(bits & _LAYER)
@@ -134,5 +140,23 @@ def normal(stream):
         bits, s0, s1 = advance_state(s0, s1)
         if _HEIGHTS[layer] + unit(bits) * (_HEIGHTS[layer + 1] - _HEIGHTS[layer]) < math.exp(-0.5 * x * x):
             break
-    stream[0], stream[1] = s0, s1
-    return sign * x
+    return sign * x, s0, s1
+
+
+@inner
+def fill_normals(streams, n, purpose, t, place, step, count):
+    """Draw `count` standard normals of environment n into t[place], t[place + step], ..."""
+    s0, s1 = streams[n, purpose, 0], streams[n, purpose, 1]
+    for k in range(count):
+        t[place + k * step], s0, s1 = _normal(s0, s1)
+    streams[n, purpose, 0], streams[n, purpose, 1] = s0, s1
+
+
+@inner
+def fill_uniforms(streams, n, purpose, t, place, step, count):
+    """The same, uniform in [0, 1)."""
+    s0, s1 = streams[n, purpose, 0], streams[n, purpose, 1]
+    for k in range(count):
+        bits, s0, s1 = advance_state(s0, s1)
+        t[place + k * step] = unit(bits)
+    streams[n, purpose, 0], streams[n, purpose, 1] = s0, s1
