@@ -50,14 +50,6 @@ def pose_gramian(points, theta, sd, out):
 
 
 @kernel
-def rotation_information(gramian):
-    """Information about theta with r marginalised: the Schur complement of a (3, 3) information matrix of xi."""
-    a, b, c = gramian[0, 0], gramian[0, 1], gramian[1, 1]
-    d, e = gramian[0, 2], gramian[1, 2]
-    return gramian[2, 2] - (c * d * d - 2.0 * b * d * e + a * e * e) / (a * c - b * b)
-
-
-@kernel
 def pose_covariance(covariance, count, poses, a, b, out):
     """Bound of xi, the pose of robot b in {a}.
 

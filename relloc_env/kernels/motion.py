@@ -55,13 +55,6 @@ def advance(x, y, theta, v, lateral, w, dt):
 
 
 @inlined
-def compose(x, y, theta, d_x, d_y, d_theta):
-    """Pose composition (x, y, theta) ∘ (d_x, d_y, d_theta), angle wrapped."""
-    sin, cos = sin_cos(theta)
-    return x + cos * d_x - sin * d_y, y + sin * d_x + cos * d_y, wrap_angle(theta + d_theta)
-
-
-@inlined
 def relative(x_a, y_a, theta_a, x_b, y_b, theta_b):
     """Pose of B in {A}: r = R(theta_A)^T (r_B - r_A), theta = theta_B - theta_A wrapped ([RMDA19] eq. 2)."""
     sin, cos = sin_cos(theta_a)

@@ -29,17 +29,6 @@ def derivative(r_x, r_y, theta, v_a, l_a, w_a, v_b, l_b, w_b):
     return cos * v_b - sin * l_b - v_a + w_a * r_y, sin * v_b + cos * l_b - l_a - w_a * r_x, w_b - w_a
 
 
-@kernel
-def derivative_jacobian(theta, w_a, v_b, l_b):
-    """Jacobian of `derivative` with respect to xi; its columns for r are w_A [[0, 1], [-1, 0]], its last row is 0.
-
-    Returns:
-        (f_xy, f_xt, f_yx, f_yt): the entries that are not always 0.
-    """
-    cos, sin = math.cos(theta), math.sin(theta)
-    return w_a, -sin * v_b - cos * l_b, -w_a, cos * v_b - sin * l_b
-
-
 @inlined
 def arc_jacobian(v, lateral, w, dt):
     """How errors of a constant velocity move the end of `motion.arc`, in the body frame at its end.
@@ -203,15 +192,6 @@ def observe(model, r_x, r_y, cos, sin, q_ax, q_ay, q_bx, q_by, v_a, l_a, w_a, v_
     if model == POSITION:
         return y_0, y_1, -cos, -sin, m_1, sin, -cos, -m_0
     return w_a * y_1, -w_a * y_0, w_a * sin, -w_a * cos, -w_a * m_0, w_a * cos, w_a * sin, -w_a * m_1
-
-
-@kernel
-def observe_value(model, r_x, r_y, cos, sin, q_ax, q_ay, v_a, l_a, w_a, v_b, l_b):
-    """Value h(xi) of an observation model; arguments as for `observe`. Returns (h_0, h_1)."""
-    y = observe(model, r_x, r_y, cos, sin, q_ax, q_ay, 0.0, 0.0, v_a, l_a, w_a, v_b, l_b)
-    if model == POSITION:
-        return -y[0], -y[1]
-    return -v_b - y[0], -l_b - y[1]
 
 
 @inlined
