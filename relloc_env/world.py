@@ -175,10 +175,6 @@ class ContactSolver:
             self._far,
         )
 
-    def solve(self, world: World, n: int) -> None:
-        """The same for one environment."""
-        self.solve_many(world, np.array([n]))
-
     def solve_many(self, world: World, rows: NDArray[np.int64]) -> None:
         """Replace the pending poses of the environments `rows` by those that contacts allow.
 
