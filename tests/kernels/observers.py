@@ -69,6 +69,10 @@ class Observers:
         padded[: self.count] = values
         of_blocks[:] = padded.reshape(-1, W)
 
+    def get(self, place: int) -> Float:
+        """Read a number of each point."""
+        return self._lanes()[: self.count, place // W]
+
     def restore(self, numbers: Float) -> None:
         """Put back what `numbers` gave."""
         for column, values in enumerate(numbers.T):
