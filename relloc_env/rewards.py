@@ -12,8 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from relloc_env.config import REWARD_TERMS, EnvConfig
-from relloc_env.kernels._compile import kernel
+from relloc_env.kernels._compile import inner, kernel
 from relloc_env.kernels.bound import bound_measure, bound_move, bound_reset
+from relloc_env.kernels.camera import view
+from relloc_env.kernels.elementary import sin_cos
 from relloc_env.kernels.information import (
     depth_information,
     excitation,
@@ -21,9 +23,9 @@ from relloc_env.kernels.information import (
     pose_information,
     range_variance,
 )
-from relloc_env.kernels.motion import relative, wrap_angle
+from relloc_env.kernels.lanes import W
+from relloc_env.kernels.motion import wrap_angle
 from relloc_env.kernels.world import Truth, World
-from relloc_env.samples import Estimate, Samples
 
 TERMS: Mapping[str, str] = {
     "excitation": "least over the targets of the excitation gained, the integral of v²(x² + y²) over the action [m²/s]",
@@ -46,7 +48,7 @@ class Score(NamedTuple):
     """What the truth says about the last action and so far; C-contiguous arrays, N first."""
 
     bound: Any
-    """(N, D, D) covariance of the bound (`kernels.information`)."""
+    """(N, D, D) covariance of the bound (`kernels.bound`); D = 0 where it is not tracked."""
     sighted: Any
     """(N, R, M) whether a target was measured since the start."""
     depth_information: Any
@@ -68,7 +70,7 @@ class Score(NamedTuple):
 def make_score(config: EnvConfig, num_envs: int) -> Score:
     """Empty arrays."""
     n, r, m = num_envs, config.robots, config.targets
-    d = 3 * (m + r - 1)
+    d = 3 * (m + r - 1) if config.tracks_bound else 0
     return Score(
         bound=np.zeros((n, d, d)),
         sighted=np.zeros((n, r, m), np.bool_),
@@ -127,23 +129,53 @@ def pack_known(config: EnvConfig) -> Known:
 
 
 @kernel
-def _measure(score, world, truth, known, work, n, k):
-    """Take the images of sample k into the bound."""
-    bound_measure(
-        score.bound[n],
-        work,
-        score.sighted[n],
-        truth.pose[n, k],
-        world.points[n],
-        known.camera_heights,
-        truth.visible[n, k],
-        known.image_sd,
-        known.depth_sd,
-        True,
-    )
+def start_bound(score_, world_, first_truth_, known_, work, rows):
+    """Start the bound of new episodes from the priors and their first images."""
+    score, world, truth, known = Score(*score_), World(*world_), Truth(*first_truth_), Known(*known_)
+    for n in rows:
+        bound_reset(score.bound[n], score.sighted[n], world.pose[n], known.pose_sd, 0.0, UNSEEN_SD)
+        _measure(score, world, truth, known, work, n, 0)
+        _informations(score, world, n)
 
 
 @kernel
+def carry_bound(score_, world_, truth_, known_, params_, work, rows):
+    """Carry the bound over the samples of an action; the information gained goes to the terms of the reward.
+
+    Args:
+        score_, world_, truth_, known_: `Score`, `World`, `Truth`, `Known`.
+        params_: record.
+        work: (2, D) scratch of the bound.
+        rows: environments that moved.
+    """
+    score, world, truth, known = Score(*score_), World(*world_), Truth(*truth_), Known(*known_)
+    dt = params_[0].dt
+    for n in rows:
+        for k in range(truth.pose.shape[1]):
+            bound_move(
+                score.bound[n], work, truth.pose[n, k], world.points[n], truth.velocity[n, k], dt,
+                known.speed_sd, known.turn_sd,
+            )  # fmt: skip
+            _measure(score, world, truth, known, work, n, k)
+        before = score.pose_information[n]
+        for r in range(world.pose.shape[1]):
+            score.terms[n, r, DEPTH_INFO] = -score.depth_information[n, r]
+        _informations(score, world, n)
+        for r in range(world.pose.shape[1]):
+            score.terms[n, r, DEPTH_INFO] += score.depth_information[n, r]
+            score.terms[n, r, POSE_INFO] = score.pose_information[n] - before
+
+
+@inner
+def _measure(score, world, truth, known, work, n, k):
+    """Take the images of sample k into the bound."""
+    bound_measure(
+        score.bound[n], work, score.sighted[n], truth.pose[n, k], world.points[n], known.camera_heights,
+        truth.visible[n, k], known.image_sd, known.depth_sd, True,
+    )  # fmt: skip
+
+
+@inner
 def _informations(score, world, n):
     """Refresh information and worst standard deviations from the bound."""
     robots, count = world.pose.shape[1], world.points.shape[1]
@@ -163,115 +195,162 @@ def _informations(score, world, n):
     score.worst_sd[n, 1] = math.sqrt(covariance[2, 2])
 
 
-@kernel
-def _errors(score, world, estimate, pairs, n):
-    """Refresh the true errors of what is estimated."""
-    for r in range(world.pose.shape[1]):
-        for i in range(world.points.shape[1]):
-            d_x = world.points[n, i, 0] - world.pose[n, r, 0]
-            d_y = world.points[n, i, 1] - world.pose[n, r, 1]
-            if estimate.known[n, r, i]:
-                found = 1.0 / max(estimate.points[n, r, i, 2], 1e-6)
-                score.depth_error[n, r, i] = found - math.sqrt(d_x * d_x + d_y * d_y)
-            else:
-                score.depth_error[n, r, i] = math.inf
-    for p in range(pairs.shape[0]):
-        a, b = world.pose[n, pairs[p, 0]], world.pose[n, pairs[p, 1]]
-        x, y, theta = relative(a[0], a[1], a[2], b[0], b[1], b[2])
-        d_x, d_y = estimate.pose[n, p, 0] - x, estimate.pose[n, p, 1] - y
-        score.pose_error[n, p, 0] = math.sqrt(d_x * d_x + d_y * d_y)
-        score.pose_error[n, p, 1] = abs(wrap_angle(estimate.pose[n, p, 2] - theta))
+# Workspace of `score_action`, in lanes: of robots,
+_X, _Y, _THETA, _COS, _SIN, _V, _LATERAL = (k * W for k in range(7))
+_ROBOT = 7
+# of points: x, y, z; of a robot and a point,
+_SEEN, _EXCITATION, _RHO, _KNOWN, _ERROR, _SHARE = (k * W for k in range(6))
+_SIGHT = 6
+# and of a pair of robots.
+_POSE, _DISTANCE, _TURN = 0 * W, 3 * W, 4 * W
+_PAIR = 5
 
 
-@kernel
-def start_score(score_, world_, first_truth_, estimate_, known_, pairs, work, rows):
-    """Start the bound of new episodes from the priors and their first images."""
-    score, world, truth = Score(*score_), World(*world_), Truth(*first_truth_)
-    estimate, known = Estimate(*estimate_), Known(*known_)
-    for n in rows:
-        bound_reset(score.bound[n], score.sighted[n], world.pose[n], known.pose_sd, 0.0, UNSEEN_SD)
-        _measure(score, world, truth, known, work, n, 0)
-        _informations(score, world, n)
-        _errors(score, world, estimate, pairs, n)
-        score.terms[n] = 0.0
+@inner
+def _face(t, p, width):
+    """Cosine and sine of a robot's heading."""
+    t = t[p:]
+    for i in range(width):
+        t[i + _SIN], t[i + _COS] = sin_cos(t[i + _THETA])
+
+
+@inner
+def _excite(t, p, q, s, height, dt, width):
+    """Add the excitation of one sample, where the point is seen."""
+    t, u, sight = t[p:], t[q:], t[s:]
+    for i in range(width):
+        _, x, y = view(t[i + _X], t[i + _Y], t[i + _COS], t[i + _SIN], height, u[i], u[i + W], u[i + 2 * W])
+        gained = excitation(x, y, t[i + _V], t[i + _LATERAL]) * dt
+        sight[i + _EXCITATION] += gained if sight[i + _SEEN] != 0.0 else 0.0
+
+
+@inner
+def _range_error(t, p, q, s, width):
+    """Estimated minus true range of a point, and its share of the range, at most 1."""
+    t, u, sight = t[p:], t[q:], t[s:]
+    for i in range(width):
+        d_x, d_y = u[i] - t[i + _X], u[i + W] - t[i + _Y]
+        true = np.sqrt(d_x * d_x + d_y * d_y)
+        error = 1.0 / max(sight[i + _RHO], 1e-6) - true if sight[i + _KNOWN] != 0.0 else np.inf
+        sight[i + _ERROR], sight[i + _SHARE] = error, min(1.0, abs(error) / true)
+
+
+@inner
+def _pose_error(t, a, b, s, width):
+    """Distance and angle between the estimated and the true pose of b in {a}."""
+    first, second, pair = t[a:], t[b:], t[s:]
+    for i in range(width):
+        cos, sin = first[i + _COS], first[i + _SIN]
+        r_x, r_y = second[i + _X] - first[i + _X], second[i + _Y] - first[i + _Y]
+        d_x = pair[i + _POSE] - (cos * r_x + sin * r_y)
+        d_y = pair[i + _POSE + W] - (cos * r_y - sin * r_x)
+        turn = pair[i + _POSE + 2 * W] - (second[i + _THETA] - first[i + _THETA])
+        pair[i + _DISTANCE], pair[i + _TURN] = np.sqrt(d_x * d_x + d_y * d_y), abs(wrap_angle(turn))
 
 
 @kernel
 def score_action(
-    score_, world_, samples_, truth_, estimate_, known_, actions, weights_, reward, params_, robots, pairs, work, rows
-):
-    """Score one action: carry the bound over its samples, compute every term and the reward of each robot.
+    terms, depth_error, pose_error, reward, points, collided, blocked, seen, true_pose, true_velocity,
+    e_points, e_known, e_pose, heights, actions, weights_, params_, pairs, rows, started,
+):  # fmt: skip
+    """Score one action by the truth: errors, every term but those of the bound, and the reward of each robot.
 
     Args:
+        terms, depth_error, pose_error: of `Score`, written.
+        reward: (N, R) written.
+        points, collided, blocked: of `World`.
+        seen: of `Samples`.
+        true_pose, true_velocity: of `Truth`, of the same samples.
+        e_points, e_known, e_pose: of `Estimate`.
+        heights: [m] (R,) of the cameras.
         actions: [-] (N, R, 2) what was done.
         weights_: (T,) weight of each term.
-        reward: (N, R) written.
-        work: (2, D) scratch of the bound.
+        params_: record.
+        pairs: (P, 2) ordered pairs.
         rows: environments that moved.
+        started: whether an episode has just started: errors alone are refreshed.
     """
-    score, world, samples, truth = Score(*score_), World(*world_), Samples(*samples_), Truth(*truth_)
-    estimate, known, dt = Estimate(*estimate_), Known(*known_), params_[0].dt
-    block, count, others = samples.period.shape[1], world.points.shape[1], robots.shape[0] - 1
-    for n in rows:
+    block, robots, count, width = seen.shape[1], seen.shape[2], seen.shape[3], params_[0].width
+    at = robots * _ROBOT * W
+    sights = at + count * 3 * W
+    others = sights + robots * count * _SIGHT * W
+    t = np.zeros(others + pairs.shape[0] * _PAIR * W)
+    for begin in range(0, rows.shape[0], W):
+        end = min(begin + W, rows.shape[0])
+        _load(t, at, sights, others, points, e_points, e_known, e_pose, rows, begin, end)
         for k in range(block):
-            bound_move(
-                score.bound[n],
-                work,
-                truth.pose[n, k],
-                world.points[n],
-                truth.velocity[n, k],
-                dt,
-                known.speed_sd,
-                known.turn_sd,
-            )
-            _measure(score, world, truth, known, work, n, k)
-        pose_before = score.pose_information[n]
-        for r in range(robots.shape[0]):
-            score.terms[n, r, DEPTH_INFO] = -score.depth_information[n, r]
-        _informations(score, world, n)
-        _errors(score, world, estimate, pairs, n)
-        for r in range(robots.shape[0]):
-            terms = score.terms[n, r]
-            terms[DEPTH_INFO] += score.depth_information[n, r]
-            terms[POSE_INFO] = score.pose_information[n] - pose_before if others > 0 else 0.0
-            terms[EXCITATION], terms[VISIBILITY] = _seen(world, samples, truth, known.camera_heights[r], n, r, dt)
-            total = 0.0
-            for i in range(count):
-                d_x = world.points[n, i, 0] - world.pose[n, r, 0]
-                d_y = world.points[n, i, 1] - world.pose[n, r, 1]
-                error = score.depth_error[n, r, i]
-                share = abs(error) / math.sqrt(d_x * d_x + d_y * d_y)
-                total += min(1.0, share)
-            terms[DEPTH_ERROR] = total / count
-            total = 0.0
+            for j in range(begin, end):
+                n, i = rows[j], j - begin
+                for r in range(robots):
+                    place = r * _ROBOT * W + i
+                    for d in range(3):
+                        t[place + d * W] = true_pose[n, k, r, d]
+                    t[place + _V], t[place + _LATERAL] = true_velocity[n, k, r, 0], true_velocity[n, k, r, 1]
+                    for m in range(count):
+                        t[sights + (r * count + m) * _SIGHT * W + i] = 1.0 if seen[n, k, r, m] else 0.0
+            for r in range(robots):
+                _face(t, r * _ROBOT * W, width)
+                for m in range(count):
+                    place = sights + (r * count + m) * _SIGHT * W
+                    _excite(t, r * _ROBOT * W, at + 3 * m * W, place, heights[r], params_[0].dt, width)
+        for r in range(robots):
+            for m in range(count):
+                _range_error(t, r * _ROBOT * W, at + 3 * m * W, sights + (r * count + m) * _SIGHT * W, width)
+        for p in range(pairs.shape[0]):
+            a, b = pairs[p, 0] * _ROBOT * W, pairs[p, 1] * _ROBOT * W
+            _pose_error(t, a, b, others + p * _PAIR * W, width)
+        for j in range(begin, end):
+            n, i = rows[j], j - begin
+            for r in range(robots):
+                for m in range(count):
+                    depth_error[n, r, m] = t[sights + (r * count + m) * _SIGHT * W + _ERROR + i]
             for p in range(pairs.shape[0]):
-                if pairs[p, 0] == r:
-                    total += score.pose_error[n, p, 0] + score.pose_error[n, p, 1]
-            terms[POSE_ERROR] = total
-            terms[COLLISION] = 1.0 if world.collided[n, r] else 0.0
-            terms[BLOCKED] = world.blocked[n, r] / block
-            terms[EFFORT] = 0.5 * (actions[n, r, 0] * actions[n, r, 0] + actions[n, r, 1] * actions[n, r, 1])
-            total = 0.0
-            for j in range(weights_.shape[0]):
-                total += weights_[j] * terms[j]
-            reward[n, r] = total
+                place = others + p * _PAIR * W + i
+                pose_error[n, p, 0], pose_error[n, p, 1] = t[place + _DISTANCE], t[place + _TURN]
+            if started:
+                terms[n] = 0.0
+                continue
+            for r in range(robots):
+                _terms(t, sights, terms, pose_error, collided, blocked, seen, actions, pairs, n, r, i)
+                total = 0.0
+                for d in range(weights_.shape[0]):
+                    total += weights_[d] * terms[n, r, d]
+                reward[n, r] = total
 
 
-@kernel
-def _seen(world, samples, truth, height, n, r, dt):
-    """(least excitation over the targets, share of targets seen) over the samples of the action, for robot r."""
-    block, count = samples.period.shape[1], world.points.shape[1]
-    least, sights = math.inf, 0
-    for i in range(count):
-        total = 0.0
+@inner
+def _load(t, at, sights, others, points, e_points, e_known, e_pose, rows, begin, end):
+    """Put points and estimates into lanes."""
+    robots, count = e_known.shape[1], points.shape[1]
+    for j in range(begin, end):
+        n, i = rows[j], j - begin
+        for m in range(count):
+            for d in range(3):
+                t[at + (3 * m + d) * W + i] = points[n, m, d]
+            for r in range(robots):
+                place = sights + (r * count + m) * _SIGHT * W + i
+                t[place + _EXCITATION], t[place + _RHO] = 0.0, e_points[n, r, m, 2]
+                t[place + _KNOWN] = 1.0 if e_known[n, r, m] else 0.0
+        for p in range(e_pose.shape[1]):
+            for d in range(3):
+                t[others + (p * _PAIR + d) * W + i] = e_pose[n, p, d]
+
+
+@inner
+def _terms(t, sights, terms, pose_error, collided, blocked, seen, actions, pairs, n, r, i):
+    """The terms of robot r of environment n, from lane i."""
+    block, count = seen.shape[1], seen.shape[3]
+    least, share, total, sighted = math.inf, 0.0, 0.0, 0
+    for m in range(count):
+        place = sights + (r * count + m) * _SIGHT * W + i
+        least, share = min(least, t[place + _EXCITATION]), share + t[place + _SHARE]
         for k in range(block):
-            if samples.seen[n, k, r, i]:
-                sights += 1
-                cos, sin = math.cos(truth.pose[n, k, r, 2]), math.sin(truth.pose[n, k, r, 2])
-                d_x = world.points[n, i, 0] - truth.pose[n, k, r, 0]
-                d_y = world.points[n, i, 1] - truth.pose[n, k, r, 1]
-                chi = 1.0 / (cos * d_x + sin * d_y)
-                x, y = (sin * d_x - cos * d_y) * chi, (height - world.points[n, i, 2]) * chi
-                total += excitation(x, y, truth.velocity[n, k, r, 0], truth.velocity[n, k, r, 1]) * dt
-        least = min(least, total)
-    return least, sights / (block * count)
+            sighted += seen[n, k, r, m]
+    for p in range(pairs.shape[0]):
+        if pairs[p, 0] == r:
+            total += pose_error[n, p, 0] + pose_error[n, p, 1]
+    terms[n, r, EXCITATION], terms[n, r, VISIBILITY] = least, sighted / (block * count)
+    terms[n, r, DEPTH_ERROR], terms[n, r, POSE_ERROR] = share / count, total
+    terms[n, r, COLLISION], terms[n, r, BLOCKED] = 1.0 if collided[n, r] else 0.0, blocked[n, r] / block
+    v, w = actions[n, r, 0], actions[n, r, 1]
+    terms[n, r, EFFORT] = 0.5 * (v * v + w * w)

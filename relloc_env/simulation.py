@@ -48,6 +48,7 @@ def _begin(
         world.deliver[n] = -1
         world.velocity[n] = 0.0
         world.wheels[n] = 0.0
+        world.pending[n] = 0.0
         world.command[n] = 0.0
         world.contact[n] = False
         world.collided[n] = False

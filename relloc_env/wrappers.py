@@ -13,6 +13,7 @@ from relloc_env.envs.core import ROBOT_NAMES
 from relloc_env.envs.observation import observe, slices
 from relloc_env.envs.onboard import Onboard
 from relloc_env.envs.spaces import joint_slices, joint_space
+from relloc_env.kernels.lanes import W
 from relloc_env.logs.episode import LogWriter
 from relloc_env.samples import Estimate, Float32, Prior, copy_sample, empty_samples
 
@@ -104,10 +105,11 @@ class EstimateObservation(gym.Wrapper[Any, Any, Any, Any]):
         """The composed observation: the bare one's fields as they are, and the estimator's."""
         robots = self._config.robots
         none, zero = np.zeros((1, robots), np.bool_), np.zeros((1, robots), np.int64)
-        onboard = self._onboard
+        onboard, estimate, memory = self._onboard, self._onboard.estimate, self._onboard.memory
         observe(
-            self._lines, tuple(self._samples), onboard.estimate_, onboard.memory_, none, zero, onboard.pairs,
-            np.zeros((1, robots, 2)), np.array([0 if started else 1]), self._limits, _ROW, False,
+            self._lines, *self._samples, estimate.pose, estimate.pose_covariance,
+            memory.tick, memory.outbox, memory.inbox, memory.inbox_tick, none, zero, onboard.pairs,
+            np.zeros((1, robots, 2)), np.array([0 if started else 1]), self._limits, _ROW, False, W,
         )  # fmt: skip
         bare = observation.reshape(robots, -1)
         for name in self._common:

@@ -293,6 +293,9 @@ class EnvConfig(Model):
     """name or configuration of the estimator; None for the bare environment."""
     reward: dict[str, Finite] | None = None
     """weight of each term; None for the default: information gained, less 0.02 for blocked samples."""
+    bound: bool | None = None
+    """whether the information bound is computed (`information` and `bound_sd` in `info`, the terms `information_*`).
+    None: where the reward or `terminate_on_success` needs it."""
     observation: Literal["flat", "dict"] = "flat"
 
     @model_validator(mode="before")
@@ -339,6 +342,8 @@ class EnvConfig(Model):
             raise ValueError(
                 f"must have `start.margin` below half the arena {self.arena}, but it is {self.start.margin}"
             )
+        if self.bound is False and self._needs_bound:
+            raise ValueError("must not have `bound` false where the reward or `terminate_on_success` needs it")
         if self.poses is not None:
             self.check_poses(self.poses)
         return self
@@ -384,6 +389,19 @@ class EnvConfig(Model):
         if self.reward is not None:
             return dict(self.reward)
         return {"information_depth" if self.robots == 1 else "information_pose": 3.0, "blocked": -0.02}
+
+    @property
+    def tracks_bound(self) -> bool:
+        """Whether the information bound is computed."""
+        if self.bound is not None:
+            return self.bound
+        return self._needs_bound
+
+    @property
+    def _needs_bound(self) -> bool:
+        """Whether the reward or an end needs the information bound."""
+        rewarded = any(self.reward_weights.get(name) for name in ("information_depth", "information_pose"))
+        return rewarded or self.terminate_on_success
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data from which `load_config` makes the same configuration.

@@ -12,8 +12,10 @@ from relloc_env.envs.information import Information
 from relloc_env.envs.observation import Field, bounds, fields, observe, slices
 from relloc_env.envs.onboard import Onboard
 from relloc_env.estimators.protocol import Estimator
-from relloc_env.rewards import make_score, pack_known, score_action, start_score, weights
-from relloc_env.samples import Bool, Float, Float32, Rows, copy_sample
+from relloc_env.kernels.lanes import W
+from relloc_env.kernels.world import Truth
+from relloc_env.rewards import carry_bound, make_score, pack_known, score_action, start_bound, weights
+from relloc_env.samples import Bool, Float, Float32, Rows, Samples, copy_sample
 from relloc_env.simulation import Simulation
 
 ROBOT_NAMES = ("robot_a", "robot_b")
@@ -56,11 +58,12 @@ class Core:
         self.last_action: Float = np.zeros((n, r, 2))
         self.elapsed: NDArray[np.int64] = np.zeros(n, np.int64)
         self._weights = weights(config)
-        self._known_ = tuple(pack_known(config))
+        known = pack_known(config)
+        self._known_, self._heights, self._tracks_bound = tuple(known), known.camera_heights, config.tracks_bound
         self._ends = pack_ends(config)
         self._limits = np.array([config.max_cycles, config.sample_period])
         self._work = np.zeros((2, self.score.bound.shape[1]))
-        self._world_, self._samples_ = tuple(self.simulation.world), tuple(self.simulation.samples)
+        self._world_ = tuple(self.simulation.world)
         self._score_, self._truth_ = tuple(self.score), tuple(self.simulation.truth)
         self._first_truth_ = tuple(self.simulation.first_truth)
         self.information = Information(self)
@@ -84,10 +87,9 @@ class Core:
         for array in (self.elapsed, self.last_action, self.reward, self.joint_reward, self.terminated, self.truncated):
             array[rows] = 0
         self.onboard.reset(simulation.prior, simulation.first, rows)
-        start_score(
-            self._score_, self._world_, self._first_truth_, self.onboard.estimate_, self._known_, simulation.pairs,
-            self._work, rows,
-        )  # fmt: skip
+        if self._tracks_bound:
+            start_bound(self._score_, self._world_, self._first_truth_, self._known_, self._work, rows)
+        self._score(simulation.first, simulation.first_truth, rows, started=True)
         copy_sample(simulation.first, 0, simulation.samples, -1, rows)
         self._observe(rows)
 
@@ -97,22 +99,31 @@ class Core:
         begin_action(actions, self.last_action, self.elapsed, rows)
         simulation.step(actions, rows)
         self.onboard.update(simulation.samples, rows)
-        score_action(
-            self._score_, self._world_, self._samples_, self._truth_, self.onboard.estimate_, self._known_,
-            self.last_action, self._weights, self.reward, simulation.parameters, simulation.robots, simulation.pairs,
-            self._work, rows,
-        )  # fmt: skip
+        if self._tracks_bound:
+            carry_bound(self._score_, self._world_, self._truth_, self._known_, simulation.parameters, self._work, rows)
+        self._score(simulation.samples, simulation.truth, rows, started=False)
         end_action(
             self.reward, self.joint_reward, simulation.world.collided, self.score.worst_sd, self.elapsed, self._ends,
             self.terminated, self.truncated, rows,
         )  # fmt: skip
         self._observe(rows)
 
+    def _score(self, samples: Samples, truth: Truth, rows: Rows, *, started: bool) -> None:
+        """Score what happened in `samples`."""
+        score, world, estimate, simulation = self.score, self.simulation.world, self.onboard.estimate, self.simulation
+        score_action(
+            score.terms, score.depth_error, score.pose_error, self.reward, world.points, world.collided, world.blocked,
+            samples.seen, truth.pose, truth.velocity, estimate.points, estimate.known, estimate.pose, self._heights,
+            self.last_action, self._weights, simulation.parameters, simulation.pairs, rows, started,
+        )  # fmt: skip
+
     def _observe(self, rows: Rows) -> None:
         world, onboard = self.simulation.world, self.onboard
+        estimate, memory = onboard.estimate, onboard.memory
         observe(
-            self.observation, self._samples_, onboard.estimate_, onboard.memory_, world.collided, world.blocked,
-            onboard.pairs, self.last_action, self.elapsed, self._limits, rows, self.bare,
+            self.observation, *self.simulation.samples, estimate.pose, estimate.pose_covariance,
+            memory.tick, memory.outbox, memory.inbox, memory.inbox_tick, world.collided, world.blocked,
+            onboard.pairs, self.last_action, self.elapsed, self._limits, rows, self.bare, W,
         )  # fmt: skip
 
     def states(self) -> Float32:

@@ -41,7 +41,8 @@ class Information:
         wanted = {name: name in entries for name in ENTRIES}
         self._with_reward, self._with_truth, self._with_prior = wanted["reward"], wanted["truth"], wanted["prior"]
         self._with_errors = wanted["errors"] and not core.bare
-        self._with_information, self._with_bound = wanted["information"], wanted["bound_sd"]
+        bound = core.config.tracks_bound
+        self._with_information, self._with_bound = wanted["information"] and bound, wanted["bound_sd"] and bound
 
     def _common(self, take: Take, number: Take) -> dict[str, Any]:
         """All but rewards and priors. `take` copies from arrays (N, ...), `number` from arrays (N,)."""

@@ -10,9 +10,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from relloc_env.config import EnvConfig
-from relloc_env.envs.onboard import BARE_POINT, FAR, IMAGE, MOTION, POINT, Memory, bounded, write_motion, write_point
-from relloc_env.kernels._compile import kernel
-from relloc_env.samples import Estimate, Samples
+from relloc_env.envs.onboard import BARE_POINT, FAR, IMAGE, MOTION, POINT, bounded
+from relloc_env.kernels._compile import inner, kernel
+from relloc_env.kernels.elementary import log, sin_cos
+from relloc_env.kernels.lanes import W
 
 
 class Field(NamedTuple):
@@ -92,111 +93,134 @@ def bounds(config: EnvConfig) -> tuple[Any, Any]:
     return np.concatenate(low), np.concatenate(high)
 
 
-@kernel
-def _pose(out, at, estimate, n, p):
-    """Write the estimate of the other robot's pose and its covariance, for one pair; returns (places) filled."""
-    out[at] = bounded(estimate.pose[n, p, 0], FAR)
-    out[at + 1] = bounded(estimate.pose[n, p, 1], FAR)
-    out[at + 2] = math.sin(estimate.pose[n, p, 2])
-    out[at + 3] = math.cos(estimate.pose[n, p, 2])
+# Workspace of `observe`, in lanes: a pose, its covariance, and what is written of them.
+_THETA, _COVARIANCE, _SIN, _COS, _LOG_SD, _CORRELATION, _LOG_DET = (k * W for k in (0, 1, 7, 8, 9, 12, 15))
+_WORK = 16 * W
+
+
+@inner
+def _pose(t, width):
+    """Sine and cosine of a heading; log standard deviations, correlations and log determinant of its covariance."""
+    for i in range(width):
+        c = i + _COVARIANCE
+        t[i + _SIN], t[i + _COS] = sin_cos(t[i + _THETA])
+        x, y, theta = max(t[c], 1e-16), max(t[c + 3 * W], 1e-16), max(t[c + 5 * W], 1e-16)
+        xy, xt, yt = t[c + W] / np.sqrt(x * y), t[c + 2 * W] / np.sqrt(x * theta), t[c + 4 * W] / np.sqrt(y * theta)
+        log_x, log_y, log_t = log(x), log(y), log(theta)
+        t[i + _LOG_SD], t[i + _LOG_SD + W], t[i + _LOG_SD + 2 * W] = 0.5 * log_x, 0.5 * log_y, 0.5 * log_t
+        inner_part = 1.0 + 2.0 * xy * xt * yt - xy * xy - xt * xt - yt * yt
+        t[i + _CORRELATION], t[i + _CORRELATION + W] = bounded(xy, 1.0), bounded(xt, 1.0)
+        t[i + _CORRELATION + 2 * W] = bounded(yt, 1.0)
+        t[i + _LOG_DET] = bounded(log_x + log_y + log_t + log(max(inner_part, 1e-12)), 60.0)
 
 
 @kernel
-def _pose_covariance(out, log_sd, correlation, log_det, cov):
-    """Write log standard deviations, correlations and log determinant of a 3 x 3 covariance."""
-    a, b, c = max(cov[0, 0], 1e-16), max(cov[1, 1], 1e-16), max(cov[2, 2], 1e-16)
-    out[log_sd] = 0.5 * math.log(a)
-    out[log_sd + 1] = 0.5 * math.log(b)
-    out[log_sd + 2] = 0.5 * math.log(c)
-    ab, ac, bc = cov[0, 1] / math.sqrt(a * b), cov[0, 2] / math.sqrt(a * c), cov[1, 2] / math.sqrt(b * c)
-    out[correlation] = bounded(ab, 1.0)
-    out[correlation + 1] = bounded(ac, 1.0)
-    out[correlation + 2] = bounded(bc, 1.0)
-    inner = 1.0 + 2.0 * ab * ac * bc - ab * ab - ac * ac - bc * bc
-    out[log_det] = bounded(math.log(a) + math.log(b) + math.log(c) + math.log(max(inner, 1e-12)), 60.0)
-
-
-@kernel
-def observe(out, samples_, estimate_, onboard_, bumps, blocked, pairs, last_action, elapsed, limits, rows, bare):
+def observe(
+    out, period, odometry, image, seen, arrived, pose, pose_covariance, ticks, outbox, inbox, inbox_tick,
+    bumps, blocked, pairs, last_action, elapsed, limits, rows, bare, width,
+):  # fmt: skip
     """Write the observation of every robot into `out` float32 (N, R, D).
 
     Args:
+        period, ..., arrived: `Samples`.
+        pose, pose_covariance: of `Estimate`.
+        ticks, outbox, inbox, inbox_tick: of `Memory`; the newest of the outbox is what a robot knows itself.
         bumps: (N, R) whether something was touched during the action.
         blocked: (N, R) samples of the action in which the shield held the robot.
+        pairs: (P, 2) ordered pairs.
         last_action: [-] (N, R, 2).
         elapsed: (N,) actions since the start.
         limits: (2,) actions in an episode, sample period [s].
+        rows: environments to work on.
         bare: whether there is no estimator; then the whole block of samples is shown.
+        width: lanes of a block.
     """
-    samples, estimate, onboard = Samples(*samples_), Estimate(*estimate_), Memory(*onboard_)
-    robots, count = samples.seen.shape[2], samples.seen.shape[3]
-    block, others = samples.period.shape[1], robots - 1
-    last = block - 1
-    window = onboard.outbox.shape[2]
+    robots, count = seen.shape[2], seen.shape[3]
+    block, others, window = period.shape[1], robots - 1, outbox.shape[2]
+    size = inbox.shape[2] - MOTION if others > 0 else outbox.shape[3] - MOTION
+    own = 3 + MOTION + 2
+    told = own + (block * (4 + 3 * count) if bare else size)
+    rest = told + others * (1 + MOTION + size)
     for n in rows:
         shown = 1 if elapsed[n] == 0 else block  # after a reset one sample was taken: it stands last
+        slot = ticks[n] % window
         for r in range(robots):
-            line = out[n, r]
-            line[0] = last_action[n, r, 0]
-            line[1] = last_action[n, r, 1]
-            line[2] = min(elapsed[n] / limits[0], 1.0)
-            at = write_motion(line, 3, onboard.dead_reckoning[n, r])
-            line[at] = 1.0 if bumps[n, r] else 0.0
-            line[at + 1] = blocked[n, r] / block
-            at += 2
+            out[n, r, 0] = last_action[n, r, 0]
+            out[n, r, 1] = last_action[n, r, 1]
+            out[n, r, 2] = min(elapsed[n] / limits[0], 1.0)
+            for j in range(MOTION):
+                out[n, r, 3 + j] = outbox[n, r, slot, size + j]
+            out[n, r, own - 2] = 1.0 if bumps[n, r] else 0.0
+            out[n, r, own - 1] = blocked[n, r] / block
             if bare:
-                at = _block(line, at, samples, n, r, shown)
+                _block(out, own, period, odometry, image, seen, n, r, shown)
             else:
-                for i in range(count):
-                    at = write_point(line, at, samples, estimate, n, last, r, i, False)
-            o = 0
-            for p in range(pairs.shape[0]):
-                if pairs[p, 0] != r:
-                    continue
-                told = onboard.inbox[n, p]
-                size = told.shape[0] - MOTION
-                heard = onboard.inbox_tick[n, p] >= 0
-                line[at + o] = bounded((onboard.tick[n] - onboard.inbox_tick[n, p]) * limits[1], FAR) if heard else FAR
-                motion = at + others + o * MOTION
-                points = at + others * (1 + MOTION) + o * size
-                for j in range(MOTION):
-                    line[motion + j] = told[size + j]
                 for j in range(size):
-                    line[points + j] = told[j]
-                rest = at + others * (1 + MOTION + size)
-                if bare:
-                    for k in range(block):
-                        valid = k >= block - shown
-                        for age in range(window):
-                            bit = (samples.arrived[n, k, p] >> np.uint64(age)) & np.uint64(1)
-                            line[rest + (k * others + o) * window + age] = 1.0 if valid and bit else 0.0
-                else:
-                    _pose(line, rest + 4 * o, estimate, n, p)
-                    _pose_covariance(
-                        line,
-                        rest + 4 * others + 3 * o,
-                        rest + 7 * others + 3 * o,
-                        rest + 10 * others + o,
-                        estimate.pose_covariance[n, p],
-                    )
-                o += 1
+                    out[n, r, own + j] = outbox[n, r, slot, j]
+        for p in range(pairs.shape[0]):
+            r, o = pairs[p, 0], pairs[p, 1] - (1 if pairs[p, 1] > pairs[p, 0] else 0)
+            age = bounded((ticks[n] - inbox_tick[n, p]) * limits[1], FAR)
+            out[n, r, told + o] = age if inbox_tick[n, p] >= 0 else FAR
+            for j in range(MOTION):
+                out[n, r, told + others + o * MOTION + j] = inbox[n, p, size + j]
+            for j in range(size):
+                out[n, r, told + others * (1 + MOTION) + o * size + j] = inbox[n, p, j]
+            if bare:
+                _arrivals(out, rest, arrived, n, r, p, o, others, window, block, shown)
+    if not bare:
+        _poses(out, rest, others, pose, pose_covariance, pairs, rows, width)
 
 
-@kernel
-def _block(line, at, samples, n, r, shown):
-    """Write the block of samples of robot r; returns the place after it."""
-    block, count = samples.period.shape[1], samples.seen.shape[3]
+@inner
+def _poses(out, at, others, pose, covariance, pairs, rows, width):
+    """Write the estimated poses of the other robots."""
+    t = np.zeros(_WORK)
+    for begin in range(0, rows.shape[0], W):
+        end = min(begin + W, rows.shape[0])
+        for p in range(pairs.shape[0]):
+            r, o = pairs[p, 0], pairs[p, 1] - (1 if pairs[p, 1] > pairs[p, 0] else 0)
+            for j in range(begin, end):
+                n, i, c = rows[j], j - begin, _COVARIANCE + j - begin
+                t[_THETA + i] = pose[n, p, 2]
+                t[c], t[c + W], t[c + 2 * W] = covariance[n, p, 0, 0], covariance[n, p, 0, 1], covariance[n, p, 0, 2]
+                t[c + 3 * W], t[c + 4 * W] = covariance[n, p, 1, 1], covariance[n, p, 1, 2]
+                t[c + 5 * W] = covariance[n, p, 2, 2]
+            _pose(t, width)
+            for j in range(begin, end):
+                n, i = rows[j], j - begin
+                out[n, r, at + 4 * o] = bounded(pose[n, p, 0], FAR)
+                out[n, r, at + 4 * o + 1] = bounded(pose[n, p, 1], FAR)
+                out[n, r, at + 4 * o + 2] = t[_SIN + i]
+                out[n, r, at + 4 * o + 3] = t[_COS + i]
+                for d in range(3):
+                    out[n, r, at + 4 * others + 3 * o + d] = t[_LOG_SD + d * W + i]
+                    out[n, r, at + 7 * others + 3 * o + d] = t[_CORRELATION + d * W + i]
+                out[n, r, at + 10 * others + o] = t[_LOG_DET + i]
+
+
+@inner
+def _arrivals(out, at, arrived, n, r, p, o, others, window, block, shown):
+    """Write which messages of another robot arrived with each sample."""
+    for k in range(block):
+        for age in range(window):
+            bit = (arrived[n, k, p] >> np.uint64(age)) & np.uint64(1)
+            out[n, r, at + (k * others + o) * window + age] = 1.0 if k >= block - shown and bit else 0.0
+
+
+@inner
+def _block(out, at, period, odometry, images, sights, n, r, shown):
+    """Write the block of samples of robot r."""
+    block, count = period.shape[1], sights.shape[3]
     image, seen = at + block, at + block + 2 * block * count
     velocity = seen + block * count
     for k in range(block):
         valid = k >= block - shown
-        line[at + k] = 1.0 if valid else 0.0
+        out[n, r, at + k] = 1.0 if valid else 0.0
         for i in range(count):
-            sight = valid and samples.seen[n, k, r, i]
-            line[seen + k * count + i] = 1.0 if sight else 0.0
+            sight = valid and sights[n, k, r, i]
+            out[n, r, seen + k * count + i] = 1.0 if sight else 0.0
             for j in range(2):
-                value = samples.image[n, k, r, i, j] if sight else np.float32(0.0)
-                line[image + 2 * (k * count + i) + j] = bounded(value, IMAGE)
+                value = images[n, k, r, i, j] if sight else np.float32(0.0)
+                out[n, r, image + 2 * (k * count + i) + j] = bounded(value, IMAGE)
         for j in range(3):
-            line[velocity + 3 * k + j] = samples.odometry[n, k, r, j] if valid else 0.0
-    return velocity + 3 * block
+            out[n, r, velocity + 3 * k + j] = odometry[n, k, r, j] if valid else 0.0

@@ -12,7 +12,9 @@ from relloc_env.config import EnvConfig
 from relloc_env.estimators.config import CascadeConfig, MapAlignmentConfig
 from relloc_env.estimators.protocol import Estimator
 from relloc_env.estimators.registry import make
-from relloc_env.kernels._compile import kernel
+from relloc_env.kernels._compile import inlined, inner, kernel
+from relloc_env.kernels.elementary import log, sin_cos
+from relloc_env.kernels.lanes import W
 from relloc_env.kernels.motion import advance, wrap_angle
 from relloc_env.samples import Bool, Estimate, Prior, Rows, Samples, copy_sample, empty_samples, ordered_pairs
 
@@ -36,92 +38,137 @@ class Memory(NamedTuple):
     tick: Any
     """(N,) samples since the start."""
     outbox: Any
-    """(N, R, W, F) what a robot told at the last W ticks: M x the numbers per point, then its motion."""
+    """float32 (N, R, W, F) what a robot told at the last W ticks: M x the numbers per point, then its motion."""
     inbox: Any
-    """(N, P, F) the newest that reached the pair's observer."""
+    """float32 (N, P, F) the newest that reached the pair's observer."""
     inbox_tick: Any
     """(N, P) the tick at which that was told; -1 for nothing yet."""
 
 
-@kernel
+@inlined
 def bounded(value, limit):
     """Clip to [-limit, limit]."""
     return min(max(value, -limit), limit)
 
 
-@kernel
-def write_point(out, at, samples, estimate, n, k, r, i, bare):
-    """Write what robot r has about point i from `at` on; returns the place after it."""
-    seen = samples.seen[n, k, r, i]
-    out[at] = 1.0 if seen else 0.0
-    for j in range(2):
-        value = samples.image[n, k, r, i, j]
-        out[at + 1 + j] = bounded(value, IMAGE) if seen and not math.isnan(value) else 0.0
-    if bare:
-        return at + BARE_POINT
-    if not estimate.known[n, r, i]:
-        out[at + 3 : at + POINT] = 0.0
-        return at + POINT
-    bearing, rho = estimate.points[n, r, i, 0], estimate.points[n, r, i, 2]
-    out[at + 3] = math.sin(bearing)
-    out[at + 4] = math.cos(bearing)
-    out[at + 5] = bounded(estimate.points[n, r, i, 1], IMAGE)
-    out[at + 6] = bounded(rho, IMAGE)
-    relative = math.sqrt(max(estimate.points_covariance[n, r, i, 2, 2], 1e-16)) / max(rho, 1e-6)
-    out[at + 7] = bounded(math.log(max(relative, 1e-8)), 20.0)
-    return at + POINT
+# Workspace of `tell`, in lanes: for one robot
+_POSE, _VELOCITY, _SIN, _COS = 0 * W, 3 * W, 6 * W, 7 * W
+# and for one of its points.
+_SEEN, _IMAGE_X, _IMAGE_Y, _BEARING, _ELEVATION, _RHO, _VARIANCE, _KNOWN = (k * W for k in range(8, 16))
+_TOLD = 16 * W
+_WORK = 24 * W
+
+
+@inner
+def _reckon(t, dt, width):
+    """Carry the dead reckoning of one robot over a sample of `dt` [s]."""
+    for i in range(width):
+        v, lateral, w = t[i + _VELOCITY], t[i + _VELOCITY + W], t[i + _VELOCITY + 2 * W]
+        x, y, theta = advance(t[i + _POSE], t[i + _POSE + W], t[i + _POSE + 2 * W], v, lateral, w, dt)
+        t[i + _POSE], t[i + _POSE + W], t[i + _POSE + 2 * W] = x, y, wrap_angle(theta)
+
+
+@inner
+def _face(t, width):
+    """Sine and cosine of the dead-reckoned heading."""
+    for i in range(width):
+        t[i + _SIN], t[i + _COS] = sin_cos(t[i + _POSE + 2 * W])
+
+
+@inner
+def _point(t, width):
+    """What a robot tells about a point: `POINT` numbers; zeros where it is not seen, or not known."""
+    for i in range(width):
+        seen, known = t[i + _SEEN] != 0.0, t[i + _KNOWN] != 0.0
+        x, y, rho = t[i + _IMAGE_X], t[i + _IMAGE_Y], t[i + _RHO]
+        sin, cos = sin_cos(t[i + _BEARING])
+        relative = np.sqrt(max(t[i + _VARIANCE], 1e-16)) / max(rho, 1e-6)
+        log_sd = bounded(log(max(relative, 1e-8)), 20.0)
+        t[i + _TOLD] = t[i + _SEEN]
+        t[i + _TOLD + W] = bounded(x, IMAGE) if seen & (not math.isnan(x)) else 0.0
+        t[i + _TOLD + 2 * W] = bounded(y, IMAGE) if seen & (not math.isnan(y)) else 0.0
+        t[i + _TOLD + 3 * W] = sin if known else 0.0
+        t[i + _TOLD + 4 * W] = cos if known else 0.0
+        t[i + _TOLD + 5 * W] = bounded(t[i + _ELEVATION], IMAGE) if known else 0.0
+        t[i + _TOLD + 6 * W] = bounded(rho, IMAGE) if known else 0.0
+        t[i + _TOLD + 7 * W] = log_sd if known else 0.0
 
 
 @kernel
-def write_motion(out, at, reckoned):
-    """Write a dead-reckoned pose."""
-    out[at] = bounded(reckoned[0], FAR)
-    out[at + 1] = bounded(reckoned[1], FAR)
-    out[at + 2] = math.sin(reckoned[2])
-    out[at + 3] = math.cos(reckoned[2])
-    return at + MOTION
-
-
-@kernel
-def _tell(memory_, samples_, estimate_, pairs, rows, first, bare):
+def _tell(
+    reckoned, ticks, outbox, inbox, inbox_tick, period, odometry, image, seen, arrived,
+    points, points_covariance, known, pairs, rows, first, bare, width,
+):  # fmt: skip
     """Sum up the odometry of all samples; after the last one, each robot tells what it has.
 
-    The newest message that arrives with that sample is put in the inbox. `first`: whether an episode starts.
+    The newest message that arrives with that sample is put in the inbox.
+
+    Args:
+        reckoned, ticks, outbox, inbox, inbox_tick: `Memory`, changed in place.
+        period, ..., arrived: `Samples`, of one length for all `rows`.
+        points, points_covariance, known: of `Estimate`.
+        pairs: (P, 2) ordered pairs.
+        rows: environments to work on.
+        first: whether an episode starts.
+        bare: whether there is no estimator.
+        width: lanes of a block.
     """
-    memory, samples, estimate = Memory(*memory_), Samples(*samples_), Estimate(*estimate_)
-    block, robots, count = samples.period.shape[1], samples.seen.shape[2], samples.seen.shape[3]
-    window, last = memory.outbox.shape[2], block - 1
-    for n in rows:
-        if first:
-            memory.inbox_tick[n] = -1
-            memory.inbox[n] = 0.0
-            memory.dead_reckoning[n] = 0.0
-            memory.tick[n] = -1
-        memory.tick[n] += block
-        tick = memory.tick[n]
+    block, robots, count = period.shape[1], seen.shape[2], seen.shape[3]
+    window, last, size = outbox.shape[2], block - 1, (BARE_POINT if bare else POINT)
+    t = np.zeros(_WORK)
+    for begin in range(0, rows.shape[0], W):
+        end = min(begin + W, rows.shape[0])
+        for j in range(begin, end):
+            n = rows[j]
+            if first:
+                inbox_tick[n] = -1
+                inbox[n] = 0.0
+                reckoned[n] = 0.0
+                ticks[n] = -1
+            ticks[n] += block
         for r in range(robots):
-            pose = memory.dead_reckoning[n, r]
+            for j in range(begin, end):
+                for k in range(3):
+                    t[_POSE + k * W + j - begin] = reckoned[rows[j], r, k]
             for k in range(block):
-                v, lateral, w = samples.odometry[n, k, r, 0], samples.odometry[n, k, r, 1], samples.odometry[n, k, r, 2]
-                x, y, theta = advance(
-                    pose[0], pose[1], pose[2], np.float64(v), np.float64(lateral), np.float64(w), samples.period[n, k]
-                )
-                pose[0], pose[1], pose[2] = x, y, wrap_angle(theta)
-            told = memory.outbox[n, r, tick % window]
-            at = 0
-            for i in range(count):
-                at = write_point(told, at, samples, estimate, n, last, r, i, bare)
-            write_motion(told, at, pose)
-        for p in range(pairs.shape[0]):
-            arrived = samples.arrived[n, last, p]
-            for age in range(min(window, tick + 1)):
-                if (arrived >> np.uint64(age)) & np.uint64(1):
-                    if tick - age > memory.inbox_tick[n, p]:
-                        memory.inbox_tick[n, p] = tick - age
-                        told = memory.outbox[n, pairs[p, 1], (tick - age) % window]
-                        for j in range(told.shape[0]):
-                            memory.inbox[n, p, j] = told[j]
-                    break
+                for j in range(begin, end):
+                    for d in range(3):
+                        t[_VELOCITY + d * W + j - begin] = odometry[rows[j], k, r, d]
+                _reckon(t, period[rows[begin], k], width)
+            _face(t, width)
+            for j in range(begin, end):
+                n, i = rows[j], j - begin
+                for k in range(3):
+                    reckoned[n, r, k] = t[_POSE + k * W + i]
+                slot, at = ticks[n] % window, count * size
+                outbox[n, r, slot, at] = bounded(t[_POSE + i], FAR)
+                outbox[n, r, slot, at + 1] = bounded(t[_POSE + W + i], FAR)
+                outbox[n, r, slot, at + 2] = t[_SIN + i]
+                outbox[n, r, slot, at + 3] = t[_COS + i]
+            for m in range(count):
+                for j in range(begin, end):
+                    n, i = rows[j], j - begin
+                    t[_SEEN + i] = 1.0 if seen[n, last, r, m] else 0.0
+                    t[_IMAGE_X + i], t[_IMAGE_Y + i] = image[n, last, r, m, 0], image[n, last, r, m, 1]
+                    t[_BEARING + i], t[_ELEVATION + i] = points[n, r, m, 0], points[n, r, m, 1]
+                    t[_RHO + i], t[_VARIANCE + i] = points[n, r, m, 2], points_covariance[n, r, m, 2, 2]
+                    t[_KNOWN + i] = 1.0 if known[n, r, m] else 0.0
+                _point(t, width)
+                for j in range(begin, end):
+                    n = rows[j]
+                    for k in range(size):
+                        outbox[n, r, ticks[n] % window, m * size + k] = t[_TOLD + k * W + j - begin]
+        for j in range(begin, end):
+            n = rows[j]
+            tick = ticks[n]
+            for p in range(pairs.shape[0]):
+                for age in range(min(window, tick + 1)):
+                    if (arrived[n, last, p] >> np.uint64(age)) & np.uint64(1):
+                        if tick - age > inbox_tick[n, p]:
+                            inbox_tick[n, p] = tick - age
+                            for k in range(inbox.shape[2]):
+                                inbox[n, p, k] = outbox[n, pairs[p, 1], (tick - age) % window, k]
+                        break
 
 
 class Onboard:
@@ -145,11 +192,10 @@ class Onboard:
         self.memory = Memory(
             dead_reckoning=np.zeros((n, r, 3)),
             tick=np.full(n, -1, np.int64),
-            outbox=np.zeros((n, r, window, told)),
-            inbox=np.zeros((n, p, told)),
+            outbox=np.zeros((n, r, window, told), np.float32),
+            inbox=np.zeros((n, p, told), np.float32),
             inbox_tick=np.full((n, p), -1, np.int64),
         )
-        self.memory_, self.estimate_ = tuple(self.memory), tuple(self.estimate)
         self._single: Samples | None = None
         if not config.network.perfect:
             self._single = empty_samples(n, 1, r, m, p)
@@ -159,7 +205,7 @@ class Onboard:
         if self.estimator is not None:
             self.estimator.reset(prior, rows)
             self.estimator.update(first, rows)
-        _tell(self.memory_, tuple(first), self.estimate_, self.pairs, rows, True, self.bare)
+        self._tell(first, rows, first=True)
 
     def update(self, samples: Samples, rows: Rows) -> None:
         """Take in the samples of an action.
@@ -176,7 +222,11 @@ class Onboard:
     def _take(self, samples: Samples, rows: Rows) -> None:
         if self.estimator is not None:
             self.estimator.update(samples, rows)
-        _tell(self.memory_, tuple(samples), self.estimate_, self.pairs, rows, False, self.bare)
+        self._tell(samples, rows, first=False)
+
+    def _tell(self, samples: Samples, rows: Rows, *, first: bool) -> None:
+        e = self.estimate
+        _tell(*self.memory, *samples, e.points, e.points_covariance, e.known, self.pairs, rows, first, self.bare, W)
 
     def get_state(self, rows: Rows) -> dict[str, Any]:
         """Copies of everything that is remembered of the environments `rows`."""
