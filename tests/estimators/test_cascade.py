@@ -10,8 +10,11 @@ from numpy.typing import NDArray
 from relloc_env.estimators import CascadeConfig, make
 from relloc_env.estimators.cascade import Cascade
 from relloc_env.kernels import camera, depth_state, motion, relative_pose
+from relloc_env.kernels import cascade as kernels
+from relloc_env.kernels.lanes import W
 from relloc_env.samples import Float, Prior, Samples
 from tests.estimators.driving import NOW, POINTS, late, prior, run, simulate, take
+from tests.kernels.observers import COVARIANCE, POINT, Observers
 
 arc: Any = motion.arc
 relative: Any = motion.relative
@@ -27,22 +30,28 @@ def reference(samples: Samples, config: CascadeConfig) -> tuple[Float, Float]:
     estimator = make(config, 1, 2, len(POINTS))
     assert isinstance(estimator, Cascade)
     estimator.reset(prior(1), np.array([0]))
-    state, settings = np.zeros((1, 2, len(POINTS), depth_state.SIZE)), estimator.get_state(np.array([0]))["settings"]
-    guess = prior(1).depth
+    settings, gains, first = estimator._settings, estimator.gains[0], prior(1)
+    observers = [
+        Observers(
+            len(POINTS), depth_state.Settings(*settings[i]), h=gains[i, 0], alpha_lambda=gains[i, 1],
+            depth=first.depth[0, i], depth_sd=first.depth_sd,
+        )
+        for i in range(2)
+    ]  # fmt: skip
     poses, covariances = np.zeros((samples.period.shape[1], 2, 3)), np.zeros((samples.period.shape[1], 2, 3, 3))
     x = [prior(1).pose[0, p].copy() for p in range(2)]
     P = [np.diag(prior(1).pose_sd ** 2) for _ in range(2)]
     for k in range(len(poses)):
-        depth_state.observe(
-            state, settings[0], samples.period, samples.odometry, samples.image, samples.seen, guess, k, True,
-            np.array([0]),
-        )  # fmt: skip
-        dt, u = samples.period[0, k], samples.odometry[0, k].astype(np.float64)
+        dt, u, image, seen = (field[0, k] for field in samples[:4])
+        u = u.astype(np.float64)
+        for i in range(2):
+            observers[i].sample(u[i], dt, image[i], seen[i])
+        state = [observer.numbers for observer in observers]
         for p, (a, b) in enumerate(((0, 1), (1, 0))):
             x[p], P[p] = dense_prediction(x[p], P[p], u[a], u[b], dt, config)
             for m in range(len(POINTS)):
-                if samples.seen[0, k, a, m] and samples.seen[0, k, b, m]:
-                    x[p], P[p] = dense_update(x[p], P[p], state[0, a, m], state[0, b, m], u[a], u[b], config)
+                if seen[a, m] and seen[b, m]:
+                    x[p], P[p] = dense_update(x[p], P[p], state[a][m], state[b][m], u[a], u[b], config)
             poses[k, p], covariances[k, p] = x[p], P[p]
     return poses, covariances
 
@@ -76,8 +85,8 @@ def dense_update(
     x: Float, P: Float, a: Float, b: Float, u_a: Float, u_b: Float, config: CascadeConfig
 ) -> tuple[Float, Float]:
     def spread(row: Float) -> tuple[Float, Float]:
-        c = row[depth_state.COVARIANCE : depth_state.COVARIANCE + 6]
-        return row[[depth_state.Q_X, depth_state.Q_Y]], np.array([[c[0], c[1]], [c[1], c[3]]])
+        c = row[COVARIANCE]
+        return row[POINT[:2]], np.array([[c[0], c[1]], [c[1], c[3]]])
 
     (q_a, C_a), (q_b, C_b) = spread(a), spread(b)
     J, R = np.array([[0.0, -1.0], [1.0, 0.0]]), rotation(x[2])
@@ -120,50 +129,67 @@ def test_finds_the_pose_and_claims_what_it_finds_with_true_depths():
 
 
 def test_blocks_rows_and_batches_do_not_change_a_bit():
-    samples, _ = simulate(90, envs=6)
+    samples, _ = simulate(90, envs=9)
     whole, singles = run(late(samples, 8, 4), window=8, block=91), run(late(samples, 8, 4), window=8, block=1)
     for name, field in whole.estimate._asdict().items():
         np.testing.assert_array_equal(field, getattr(singles.estimate, name))
-    for n in range(6):
+    for n in range(9):
         fields: Any = [np.ascontiguousarray(field[n : n + 1]) for field in late(samples, 8, 4)]
         alone = run(Samples(*fields), window=8, block=7)
         for name, field in alone.estimate._asdict().items():
             np.testing.assert_array_equal(field[0], getattr(whole.estimate, name)[n])
 
 
-def test_only_the_given_rows_change():
-    samples, _ = simulate(20, envs=3)
-    estimator = run(samples)
-    before = [field.copy() for field in estimator.estimate]
-    estimator.update(take(samples, 5, 9), np.array([1]))
-    estimator.reset(prior(3), np.array([1]))
+@pytest.mark.parametrize("window", [1, 8])
+def test_only_the_given_rows_change_and_as_in_a_batch_of_their_own(window):
+    """19 environments, so that one block is whole and rows lie in each of three; rows in any order."""
+    samples, _ = simulate(40, envs=19)
+    samples = late(samples, window, 5)
+    estimator, rows = run(take(samples, 0, 20), window=window), np.array([17, 3, 8, 0, 9])
+    before, state = [field.copy() for field in estimator.estimate], estimator.get_state(np.arange(19))
+    estimator.update(take(samples, 20, 40), rows)
+    others = np.delete(np.arange(19), rows)
+    everyone = run(take(samples, 0, 40), window=window).estimate
+    for old, new, all_new in zip(before, estimator.estimate, everyone, strict=True):
+        np.testing.assert_array_equal(old[others], new[others])
+        np.testing.assert_array_equal(new[rows], all_new[rows])
+    for name, array in estimator.get_state(others).items():
+        np.testing.assert_array_equal(array, state[name][others], err_msg=name)
+    estimator.reset(prior(19), rows)
     for old, new in zip(before, estimator.estimate, strict=True):
-        np.testing.assert_array_equal(old[[0, 2]], new[[0, 2]])
-    np.testing.assert_array_equal(estimator.estimate.pose[1], prior(3).pose[1])
-    assert not estimator.estimate.known[1].any()
+        np.testing.assert_array_equal(old[others], new[others])
+    np.testing.assert_array_equal(estimator.estimate.pose[rows], prior(19).pose[rows])
+    assert not estimator.estimate.known[rows].any()
 
 
-def test_state_restores_bit_for_bit():
-    samples, _ = simulate(80, envs=3)
-    samples = late(samples, 8, 6)
-    first, rows = run(take(samples, 0, 41), window=8), np.arange(3)
-    state = first.get_state(np.array([2, 0, 1]))
-    assert all(len(array) == 3 for array in state.values())
-    second = make("cascade-critical", 3, 2, len(POINTS), message_window=8)
-    second.set_state(state, np.array([2, 0, 1]))
+@pytest.mark.parametrize("window", [1, 8])
+def test_state_goes_on_bit_for_bit_in_any_row(window):
+    samples, _ = simulate(80, envs=11)
+    samples = late(samples, window, 6)
+    first, rows = run(take(samples, 0, 41), window=window), np.arange(11)
+    order = np.random.default_rng(7).permutation(11)
+    state = first.get_state(order)
+    assert all(len(array) == 11 for array in state.values())
+    second = make("cascade-critical", 11, 2, len(POINTS), message_window=window)
+    second.set_state(state, rows)
     for old, new in zip(first.estimate, second.estimate, strict=True):
-        np.testing.assert_array_equal(old, new)
-    for estimator in (first, second):
-        estimator.update(take(samples, 41, 81), rows)
-    for name, array in first.get_state(rows).items():
+        np.testing.assert_array_equal(old[order], new)
+    rest = take(samples, 41, 81)
+    first.update(rest, rows)
+    fields: Any = [field[order] for field in rest]
+    second.update(Samples(*fields), rows)
+    for name, array in first.get_state(order).items():
         np.testing.assert_array_equal(array, second.get_state(rows)[name], err_msg=name)
+    for old, new in zip(first.estimate, second.estimate, strict=True):
+        np.testing.assert_array_equal(old[order], new)
 
 
 def test_points_are_those_of_the_depth_observers_in_polar_form():
     samples, _ = simulate(50, envs=2)
     estimator = run(samples)
-    rows = estimator.get_state(np.arange(2))["depth"]
-    q = np.moveaxis(rows[..., [depth_state.Q_X, depth_state.Q_Y, depth_state.HEIGHT]], -1, 0)
+    first, size = kernels.Shape(*estimator._sizes).depth // W, depth_state.SIZE
+    numbers = estimator.get_state(np.arange(2))["numbers"][:, first : first + 2 * len(POINTS) * size]
+    q = np.moveaxis(numbers.reshape(2, 2, len(POINTS), size)[..., POINT], -1, 0)
     distance = np.hypot(q[0], q[1])
     expected = np.stack([np.arctan2(q[1], q[0]), q[2] / distance, 1.0 / distance], axis=-1)
     np.testing.assert_allclose(estimator.estimate.points, expected, rtol=1e-12)
@@ -294,6 +320,9 @@ def test_a_state_of_another_estimator_is_refused():
     estimator = run(samples)
     state = estimator.get_state(np.array([0]))
     with pytest.raises(ValueError, match="must have the keys"):
-        estimator.set_state({"depth": state["depth"]}, np.array([0]))
-    with pytest.raises(ValueError, match=r"state\['motion'\].* shape \(1, 2, 2, 14\)"):
+        estimator.set_state({"numbers": state["numbers"]}, np.array([0]))
+    with pytest.raises(ValueError, match="must have the keys"):
         make("cascade", 1, 2, len(POINTS), message_window=2).set_state(state, np.array([0]))
+    size = state["numbers"].shape[1]
+    with pytest.raises(ValueError, match=rf"state\['numbers'\].* shape .* but is .*\(1, {size}\)"):
+        make("cascade", 1, 2, len(POINTS) + 1).set_state(state, np.array([0]))
