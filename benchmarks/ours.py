@@ -114,6 +114,11 @@ def with_info(num_envs: int) -> Drive:
     return Batch(EVERYTHING, num_envs, {})
 
 
+def perfect_network(num_envs: int) -> Drive:
+    """Everything on, but every message arrives at once."""
+    return Batch({**EVERYTHING, "network": {}}, num_envs)
+
+
 def crowded(num_envs: int) -> Drive:
     """Everything on, about 10 % of the steps in contact."""
     return Batch(CROWDED, num_envs)

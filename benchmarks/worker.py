@@ -84,9 +84,11 @@ class Worker:
         return {"steps": steps, "seconds": now - start}
 
     def memory(self, num_envs: int) -> dict[str, Any]:
-        """Memory of arrays and of the whole process [bytes]."""
+        """Memory of the environments' arrays, and of the whole process but for the actions [bytes]."""
         gc.collect()
-        return {"arrays": array_bytes(self._drives[num_envs]), "resident": resident()}
+        drive = self._drives[num_envs]
+        arrays = array_bytes(drive.envs)
+        return {"arrays": arrays, "resident": resident() - (array_bytes(drive) - arrays)}
 
     def growth(self, num_envs: int, steps: int, traced: int) -> dict[str, Any]:
         """How much memory the process takes, and Python's objects hold, after so many environment steps more [bytes].
