@@ -129,9 +129,10 @@ def pack_known(config: EnvConfig) -> Known:
 
 
 @kernel
-def start_bound(score_, world_, first_truth_, known_, work, rows):
+def start_bound(score_, world_, first_truth_, known_, rows):
     """Start the bound of new episodes from the priors and their first images."""
     score, world, truth, known = Score(*score_), World(*world_), Truth(*first_truth_), Known(*known_)
+    work = np.zeros((2, score.bound.shape[1]))
     for n in rows:
         bound_reset(score.bound[n], score.sighted[n], world.pose[n], known.pose_sd, 0.0, UNSEEN_SD)
         _measure(score, world, truth, known, work, n, 0)
@@ -139,17 +140,16 @@ def start_bound(score_, world_, first_truth_, known_, work, rows):
 
 
 @kernel
-def carry_bound(score_, world_, truth_, known_, params_, work, rows):
+def carry_bound(score_, world_, truth_, known_, params_, rows):
     """Carry the bound over the samples of an action; the information gained goes to the terms of the reward.
 
     Args:
         score_, world_, truth_, known_: `Score`, `World`, `Truth`, `Known`.
         params_: record.
-        work: (2, D) scratch of the bound.
         rows: environments that moved.
     """
     score, world, truth, known = Score(*score_), World(*world_), Truth(*truth_), Known(*known_)
-    dt = params_[0].dt
+    dt, work = params_[0].dt, np.zeros((2, score.bound.shape[1]))
     for n in rows:
         for k in range(truth.pose.shape[1]):
             bound_move(

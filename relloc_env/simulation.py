@@ -17,7 +17,7 @@ from relloc_env.kernels import sensing as se
 from relloc_env.kernels._compile import inlined, inner, kernel
 from relloc_env.kernels.lanes import W
 from relloc_env.kernels.placement import place
-from relloc_env.kernels.streams import ACTUATOR, PURPOSES, fill_normals, seed_stream
+from relloc_env.kernels.streams import ACTUATOR, PURPOSES, fill_normals, seed_streams
 from relloc_env.kernels.world import Truth, World, settle_contact
 from relloc_env.parameters import pack_obstacles, pack_parameters, pack_robots
 from relloc_env.samples import Float, Prior, Rows, Samples, empty_samples, ordered_pairs
@@ -273,7 +273,7 @@ class Simulation:
         truth, first_truth: what really happened then.
     """
 
-    def __init__(self, config: EnvConfig, num_envs: int = 1) -> None:
+    def __init__(self, config: EnvConfig, num_envs: int = 1, threads: int = 1) -> None:
         n, k, r, m = num_envs, config.samples_per_action, config.robots, config.targets
         self.config, self.num_envs = config, n
         self.pairs = ordered_pairs(r)
@@ -302,9 +302,8 @@ class Simulation:
         )
         self.samples, self.truth = _blocks(n, k, r, m, p)
         self.first, self.first_truth = _blocks(n, 1, r, m, p)
-        self._fix(np.arange(n), {})
-        self._waiting = np.zeros(n, np.int64)
-        self._solver: ContactSolver | None = None
+        self.fix(np.arange(n), {})
+        self._solvers: list[ContactSolver | None] = [None] * threads
         self._world_ = tuple(self.world)
         self._arrays = (*(getattr(self.world, name) for name in _MOVED), *self.samples, *self.truth)
         self._seen_at_start = (*(getattr(self.world, name) for name in _BEGUN), *self.first, *self.first_truth)
@@ -312,41 +311,46 @@ class Simulation:
 
     def seed(self, rows: Rows, seeds: Sequence[int]) -> None:
         """Start the random streams of the environments `rows` from one seed each."""
-        for row, seed in zip(rows, seeds, strict=True):
-            for purpose in range(PURPOSES):
-                seed_stream(self.world.streams[row, purpose], np.uint64(_fold(seed)), purpose)
+        if len(rows) != len(seeds):
+            raise ValueError(
+                f"Argument `seeds` must have one for each of {len(rows)} environments, but has {len(seeds)}"
+            )
+        seed_streams(self.world.streams, rows, np.array([_fold(seed) for seed in seeds], np.uint64))
 
     def reset(self, rows: Rows, options: Mapping[str, Any] | None = None) -> None:
         """Start new episodes in the environments `rows`; their first sample is in `first`.
 
         Args:
             rows: indices of the environments.
-            options: `poses` [m, m, rad] (R, 3) and `points` [m] (M, 3), fixed from now on, also for the episodes after
-                this one; an empty mapping draws them again (or takes the configuration's); None leaves that as it is.
+            options: as for `fix`, which is called first.
 
         Raises:
             ConfigError: options that cannot be, or a start that could not be found.
         """
-        if options is not None:
-            self._fix(rows, options)
+        self.fix(rows, options)
         failed = _begin(
-            self._world_,
-            self.parameters,
-            self.robots,
-            self.obstacles,
-            self.pairs,
-            rows,
-            self._waiting,
+            self._world_, self.parameters, self.robots, self.obstacles, self.pairs, rows, np.empty(len(rows), np.int64),
             *self._seen_at_start,
-        )
+        )  # fmt: skip
         if failed:
             raise ConfigError(
                 "No start was found that meets the conditions of `start` (distances, separation, all targets in view): "
                 "make the arena larger, the conditions wider, or fix `poses` and `points`"
             )
 
-    def _fix(self, rows: Rows, options: Mapping[str, Any]) -> None:
-        """Set which poses and points the environments `rows` start from."""
+    def fix(self, rows: Rows, options: Mapping[str, Any] | None) -> None:
+        """Set which poses and points the environments `rows` start from, until told otherwise.
+
+        Args:
+            rows: indices of the environments.
+            options: `poses` [m, m, rad] (R, 3) and `points` [m] (M, 3); an empty mapping draws them again (or takes the
+                configuration's); None leaves that as it is.
+
+        Raises:
+            ConfigError: options that cannot be.
+        """
+        if options is None:
+            return
         for name in options:
             if name not in OPTIONS:
                 raise ConfigError(f"Unknown option `{name}` of reset{hint(name, OPTIONS)}")
@@ -361,26 +365,32 @@ class Simulation:
         self.world.fixed_poses[rows] = poses
         self.world.fixed_points[rows] = points
 
-    def step(self, actions: NDArray[np.float64], rows: Rows) -> None:
+    def step(self, actions: NDArray[np.float64], rows: Rows, thread: int = 0) -> None:
         """Hold `actions` for the samples of one action; what was measured is in `samples`.
 
         Args:
             actions: [-] (N, R, 2) speed and yaw rate as shares of their limits, clipped to [-1, 1].
             rows: indices of the environments that move.
+            thread: number of the calling thread, where several work on parts of the batch at once.
         """
-        resumed = False
+        waiting, resumed = np.empty(len(rows), np.int64), False
         while True:
             count = _advance(
-                actions, self.parameters, self.robots, self.obstacles, self.pairs, rows, self._waiting, resumed,
+                actions, self.parameters, self.robots, self.obstacles, self.pairs, rows, waiting, resumed,
                 *self._arrays,
             )  # fmt: skip
             if count == 0:
                 return
-            rows, resumed = self._waiting[:count].copy(), True
-            if self._solver is None:
-                self._solver = ContactSolver(self.config)
-            self._solver.solve_many(self.world, rows)
+            rows, resumed = waiting[:count].copy(), True
+            self._solver(thread).solve_many(self.world, rows)
             _after_contact(self._world_, self.parameters, self.robots, self.obstacles, rows)
+
+    def _solver(self, thread: int) -> ContactSolver:
+        """The contact solver of a thread."""
+        solver = self._solvers[thread]
+        if solver is None:
+            solver = self._solvers[thread] = ContactSolver(self.config)
+        return solver
 
     @property
     def prior(self) -> Prior:

@@ -1,5 +1,6 @@
 """The composed environment for N worlds at once: simulation, estimator, rewards, observations. Doors drive this."""
 
+import functools
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -11,6 +12,7 @@ from relloc_env.envs.ends import begin_action, end_action, pack_ends
 from relloc_env.envs.information import Information
 from relloc_env.envs.observation import Field, bounds, fields, observe, slices
 from relloc_env.envs.onboard import Onboard
+from relloc_env.envs.threads import LEAST, check_threads, parts, run
 from relloc_env.estimators.protocol import Estimator
 from relloc_env.kernels.lanes import W
 from relloc_env.kernels.world import Truth
@@ -38,13 +40,19 @@ class Core:
         information: what `info` holds.
         elapsed: (N,) actions since the start.
         everyone: (N,) the indices of all environments.
+        threads: on which a large batch runs; what comes out does not depend on it.
     """
 
-    def __init__(self, config: EnvConfig, num_envs: int = 1, estimator: Estimator | None = None) -> None:
+    def __init__(
+        self, config: EnvConfig, num_envs: int = 1, estimator: Estimator | None = None, threads: int | None = None
+    ) -> None:
         n, r = num_envs, config.robots
         self.config, self.num_envs = config, num_envs
         self.everyone: Rows = np.arange(n)
-        self.simulation = Simulation(config, n)
+        # an estimator of the user's own may not stand being called from several threads
+        self.threads = 1 if estimator is not None else check_threads(threads, n)
+        self._everyone = parts(self.everyone, self.threads)
+        self.simulation = Simulation(config, n, self.threads)
         self.onboard = Onboard(config, n, estimator)
         self.bare = self.onboard.bare
         self._own_estimator = estimator is not None
@@ -62,7 +70,6 @@ class Core:
         self._known_, self._heights, self._tracks_bound = tuple(known), known.camera_heights, config.tracks_bound
         self._ends = pack_ends(config)
         self._limits = np.array([config.max_cycles, config.sample_period])
-        self._work = np.zeros((2, self.score.bound.shape[1]))
         self._world_ = tuple(self.simulation.world)
         self._score_, self._truth_ = tuple(self.score), tuple(self.simulation.truth)
         self._first_truth_ = tuple(self.simulation.first_truth)
@@ -83,24 +90,38 @@ class Core:
         simulation = self.simulation
         if seeds is not None:
             simulation.seed(rows, seeds)
-        simulation.reset(rows, options)
+        simulation.fix(rows, options)
+        run(self._reset, self._parts(rows))
+
+    def _reset(self, rows: Rows, part: int) -> None:  # noqa: ARG002 (as `_step`)
+        """Start the episodes of one part of the batch."""
+        simulation = self.simulation
+        simulation.reset(rows)
         for array in (self.elapsed, self.last_action, self.reward, self.joint_reward, self.terminated, self.truncated):
             array[rows] = 0
         self.onboard.reset(simulation.prior, simulation.first, rows)
         if self._tracks_bound:
-            start_bound(self._score_, self._world_, self._first_truth_, self._known_, self._work, rows)
+            start_bound(self._score_, self._world_, self._first_truth_, self._known_, rows)
         self._score(simulation.first, simulation.first_truth, rows, started=True)
         copy_sample(simulation.first, 0, simulation.samples, -1, rows)
         self._observe(rows)
 
     def step(self, actions: NDArray[np.float64], rows: Rows) -> None:
         """Hold `actions` (N, R, 2) in [-1, 1] for one action in the environments `rows`."""
+        run(functools.partial(self._step, actions), self._parts(rows))
+
+    def _parts(self, rows: Rows) -> list[Rows]:
+        """What each thread works on."""
+        return self._everyone if rows is self.everyone else parts(rows, min(self.threads, 1 + len(rows) // LEAST))
+
+    def _step(self, actions: NDArray[np.float64], rows: Rows, part: int) -> None:
+        """Step one part of the batch."""
         simulation = self.simulation
         begin_action(actions, self.last_action, self.elapsed, rows)
-        simulation.step(actions, rows)
+        simulation.step(actions, rows, part)
         self.onboard.update(simulation.samples, rows)
         if self._tracks_bound:
-            carry_bound(self._score_, self._world_, self._truth_, self._known_, simulation.parameters, self._work, rows)
+            carry_bound(self._score_, self._world_, self._truth_, self._known_, simulation.parameters, rows)
         self._score(simulation.samples, simulation.truth, rows, started=False)
         end_action(
             self.reward, self.joint_reward, simulation.world.collided, self.score.worst_sd, self.elapsed, self._ends,

@@ -25,14 +25,15 @@ def open_core(
     num_envs: int,
     estimator: Any,
     options: Mapping[str, Any],
+    threads: int | None = None,
 ) -> Core:
     """Build the core of a door; `estimator` "default" leaves the choice to the configuration."""
     if isinstance(num_envs, bool) or not isinstance(num_envs, numbers.Integral) or num_envs < 1:
         raise ConfigError(f"Argument `num_envs` must be a positive integer, but is {num_envs!r}")
     if isinstance(estimator, str) and estimator == "default":
-        return Core(load_config(config, **options), num_envs)
+        return Core(load_config(config, **options), num_envs, threads=threads)
     if estimator is None or isinstance(estimator, str | Mapping) or hasattr(estimator, "model_dump"):
-        return Core(load_config(config, **options, estimator=estimator), num_envs)
+        return Core(load_config(config, **options, estimator=estimator), num_envs, threads=threads)
     if not all(hasattr(estimator, name) for name in ("reset", "update", "estimate")):
         raise ConfigError(
             "Argument `estimator` must be a name, a configuration, None, or follow `relloc_env.estimators.Estimator`, "

@@ -143,7 +143,7 @@ def observe(
     rest = told + others * (1 + MOTION + size)
     for n in rows:
         shown = 1 if elapsed[n] == 0 else block  # after a reset one sample was taken: it stands last
-        slot = ticks[n] % window
+        slot = ticks[n] % window if window > 1 else 0
         for r in range(robots):
             out[n, r, 0] = last_action[n, r, 0]
             out[n, r, 1] = last_action[n, r, 1]

@@ -115,7 +115,7 @@ def _tell(
     """
     block, robots, count = period.shape[1], seen.shape[2], seen.shape[3]
     window, last, size = outbox.shape[2], block - 1, (BARE_POINT if bare else POINT)
-    t = np.zeros(_WORK)
+    t, slots = np.zeros(_WORK), np.zeros(W, np.int64)
     for begin in range(0, rows.shape[0], W):
         end = min(begin + W, rows.shape[0])
         for j in range(begin, end):
@@ -126,6 +126,7 @@ def _tell(
                 reckoned[n] = 0.0
                 ticks[n] = -1
             ticks[n] += block
+            slots[j - begin] = ticks[n] % window if window > 1 else 0
         for r in range(robots):
             for j in range(begin, end):
                 for k in range(3):
@@ -140,7 +141,7 @@ def _tell(
                 n, i = rows[j], j - begin
                 for k in range(3):
                     reckoned[n, r, k] = t[_POSE + k * W + i]
-                slot, at = ticks[n] % window, count * size
+                slot, at = slots[i], count * size
                 outbox[n, r, slot, at] = bounded(t[_POSE + i], FAR)
                 outbox[n, r, slot, at + 1] = bounded(t[_POSE + W + i], FAR)
                 outbox[n, r, slot, at + 2] = t[_SIN + i]
@@ -155,9 +156,9 @@ def _tell(
                     t[_KNOWN + i] = 1.0 if known[n, r, m] else 0.0
                 _point(t, width)
                 for j in range(begin, end):
-                    n = rows[j]
+                    n, slot = rows[j], slots[j - begin]
                     for k in range(size):
-                        outbox[n, r, ticks[n] % window, m * size + k] = t[_TOLD + k * W + j - begin]
+                        outbox[n, r, slot, m * size + k] = t[_TOLD + k * W + j - begin]
         for j in range(begin, end):
             n = rows[j]
             tick = ticks[n]
@@ -166,8 +167,9 @@ def _tell(
                     if (arrived[n, last, p] >> np.uint64(age)) & np.uint64(1):
                         if tick - age > inbox_tick[n, p]:
                             inbox_tick[n, p] = tick - age
+                            slot = (tick - age) % window if window > 1 else 0
                             for k in range(inbox.shape[2]):
-                                inbox[n, p, k] = outbox[n, pairs[p, 1], (tick - age) % window, k]
+                                inbox[n, p, k] = outbox[n, pairs[p, 1], slot, k]
                         break
 
 

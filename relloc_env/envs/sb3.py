@@ -48,9 +48,10 @@ class RellocVecEnv(VecEnv):
         info: Sequence[str] = (),
         estimator: Any = "default",
         render_mode: str | None = None,
+        threads: int | None = None,
         **options: Any,
     ) -> None:
-        self.core = open_core(config, num_envs, estimator, options)
+        self.core = open_core(config, num_envs, estimator, options, threads)
         robots = self.core.config.robots
         self.decentralised = decentralised
         self.rows_each = robots if decentralised else 1

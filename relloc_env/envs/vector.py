@@ -48,6 +48,8 @@ class RellocVectorEnv(VectorEnv[Any, Any, Any]):
             ("Disabled").
         info: which entries `info` has, of `relloc_env.envs.information.ENTRIES`; () is the fastest.
         copy: whether observations are fresh arrays; otherwise each call writes into those of the last one.
+        threads: how many a large batch runs on, None for one a core; what comes out does not depend on it. An estimator
+            object of the user's own always runs on one.
 
     Raises:
         ConfigError: an unknown option, or a value that cannot be.
@@ -65,9 +67,10 @@ class RellocVectorEnv(VectorEnv[Any, Any, Any]):
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         info: Sequence[str] = ENTRIES,
         copy: bool = True,
+        threads: int | None = None,
         **options: Any,
     ) -> None:
-        self.core = open_core(config, num_envs, estimator, options)
+        self.core = open_core(config, num_envs, estimator, options, threads)
         self.num_envs = num_envs
         self.autoreset_mode = _check_mode(autoreset_mode)
         self.copy = copy

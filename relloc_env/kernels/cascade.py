@@ -344,10 +344,10 @@ def _show_points(t, b, s, points, covariance, known, rows, begin, end):
 
 @inlined
 def _show_pose(t, i, e, p, pose, c):
-    """Write a pose and its covariance out of lane i."""
+    """Write a pose and its covariance, the first number at i."""
     for d in range(3):
-        pose[e, p, d] = t[an.POSE + d * W + i]
-    xx, xy, xt, yy, yt, tt = ds.six(t, an.POSE + 3 * W + i)
+        pose[e, p, d] = t[i + d * W]
+    xx, xy, xt, yy, yt, tt = ds.six(t, i + 3 * W)
     c[e, p, 0, 0], c[e, p, 0, 1], c[e, p, 0, 2] = xx, xy, xt
     c[e, p, 1, 0], c[e, p, 1, 1], c[e, p, 1, 2] = xy, yy, yt
     c[e, p, 2, 0], c[e, p, 2, 1], c[e, p, 2, 2] = xt, yt, tt
@@ -362,11 +362,11 @@ def _show_poses(t, b, s, o, pairs, sample, received, pose, covariance, rows, beg
         copy(b, s.clock, t, an.NOW, an.CLOCK)
         for j in range(begin, end):
             e = rows[j]
-            if sample[e] < 0 or received[e, p]:
-                pf.show_anchor(t, e % W)
-            else:
+            place = an.BASE
+            if sample[e] >= 0 and not received[e, p]:
                 pf.show_held(t, e % W, o)
-            _show_pose(t, e % W, e, p, pose, covariance)
+                place = an.POSE
+            _show_pose(t, place + e % W, e, p, pose, covariance)
 
 
 @inner
@@ -376,7 +376,7 @@ def _show_ring(t, s, o, ring, pairs, sample, received, pose, covariance, rows, b
         for j in range(begin, end):
             e = rows[j]
             pf.present(t, e % W, ring, e, p, pairs[p, 0], pairs[p, 1], sample[e], received, o)
-            _show_pose(t, e % W, e, p, pose, covariance)
+            _show_pose(t, an.POSE + e % W, e, p, pose, covariance)
 
 
 @inner

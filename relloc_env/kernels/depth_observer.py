@@ -14,7 +14,6 @@ import math
 import numpy as np
 
 from relloc_env.kernels._compile import inlined, kernel
-from relloc_env.kernels.elementary import exp
 
 
 @inlined
@@ -39,23 +38,28 @@ def gains(v, lateral, x, y, h, alpha_lambda, critical, floor):
 
 
 @inlined
+def slow_mean_decay(u):
+    """`mean_decay` by its series near zero (error below 2e-13 for |u| < 0.2)."""
+    high = 1 / 120 + u * (-1 / 720 + u * (1 / 5040 + u * (-1 / 40320 + u * (1 / 362880))))
+    return 1.0 + u * (-1 / 2 + u * (1 / 6 + u * (-1 / 24 + u * high)))
+
+
+@kernel
 def mean_decay(u):
     """Mean of exp(-u t) over t in [0, 1]: (1 - exp(-u))/u, by its series near zero (error below 2e-13)."""
-    high = 1 / 120 + u * (-1 / 720 + u * (1 / 5040 + u * (-1 / 40320 + u * (1 / 362880))))
-    series = 1.0 + u * (-1 / 2 + u * (1 / 6 + u * (-1 / 24 + u * high)))
-    return series if abs(u) < 0.2 else (1.0 - exp(-u)) / u
+    return slow_mean_decay(u) if abs(u) < 0.2 else -math.expm1(-u) / u
 
 
 @inlined
-def is_slow(a, k):
-    """Whether the power series of `slow_modes` covers a step."""
-    return (a < 0.2) & (k < 0.04)
+def is_slow(a, k, u):
+    """Whether the power series of `slow_modes` and `slow_mean_decay` cover a step."""
+    return (a < 0.2) & (k < 0.04) & (abs(u) < 0.2)
 
 
 @inlined
 def slow_modes(a, k):
     """`modes` of a slow step, as a power series; a = H dt, k = stiffness dt²."""
-    s_0 = mean_decay(a)
+    s_0 = slow_mean_decay(a)
     s_1 = 1 / 6 + a * (-1 / 12 + a * (1 / 40 + a * (-1 / 180 + a * (1 / 1008 - a * (1 / 6720)))))
     s_2 = 1 / 120 + a * (-1 / 240 + a * (1 / 840 - a * (1 / 4032)))
     i_0 = 1 / 2 + a * (-1 / 6 + a * (1 / 24 + a * (-1 / 120 + a * (1 / 720 + a * (-1 / 5040 + a * (1 / 40320))))))
@@ -86,7 +90,7 @@ def modes(h, stiffness, dt):
     """
     a, k = h * dt, stiffness * dt * dt
     s_0 = mean_decay(a)
-    if is_slow(a, k):
+    if is_slow(a, k, 0.0):
         return slow_modes(a, k)
     a_half = 0.5 * a
     u = a_half * a_half - k
@@ -147,7 +151,7 @@ def inverse_depth_flow(chi, stretch, advance, chi_min, z_min):
 
 
 @inlined
-def correct(x0, y0, x1, y1, means, xh, yh, chi, v, lateral, w, dt, h, alpha_lambda, mode, chi_min, chi_max):
+def correct(x0, y0, x1, y1, means, xh, yh, chi, v, lateral, w, dt, h, alpha_lambda, mode, decay, chi_min, chi_max):
     """The observer's state at the later of two measured samples, from that at the earlier one.
 
     In e = s - s_hat the observer is linear but for f_u: de/dt = (ds/dt - f_m) - Omega chi_hat - H e,
@@ -163,6 +167,7 @@ def correct(x0, y0, x1, y1, means, xh, yh, chi, v, lateral, w, dt, h, alpha_lamb
         dt: [s] time between them, above 0.
         h, alpha_lambda: [1/s, 1/m²] gains.
         mode: `modes` for them, with Omega at the mean x and y.
+        decay: `mean_decay` of w x dt/2 at the mean x.
         chi_min, chi_max: [1/m] bounds of chi.
 
     Returns:
@@ -174,9 +179,7 @@ def correct(x0, y0, x1, y1, means, xh, yh, chi, v, lateral, w, dt, h, alpha_lamb
     sigma2 = o_x * o_x + o_y * o_y
     a, k = h * dt, alpha_lambda * sigma2 * dt * dt
     z_min = 1.0 / chi_max
-    u = 0.5 * dt * w * x
-    mean = mean_decay(u)
-    stretch, advance = 1.0 - u * mean, 0.5 * dt * v * mean
+    stretch, advance = 1.0 - 0.5 * dt * w * x * decay, 0.5 * dt * v * decay
     e_x, e_y = x0 - xh, y0 - yh
     g_x, g_y = x1 - x0 - w * dt * (1.0 + xx), y1 - y0 - w * dt * xy
     e_o, g_o = o_x * e_x + o_y * e_y, o_x * g_x + o_y * g_y

@@ -14,7 +14,16 @@ from typing import NamedTuple
 
 from relloc_env.kernels._compile import inlined, inner, kernel
 from relloc_env.kernels.depth_covariance import body_to_image, covariance_step, image_to_body, move_covariance
-from relloc_env.kernels.depth_observer import correct, gains, interval_means, is_slow, modes, slow_modes
+from relloc_env.kernels.depth_observer import (
+    correct,
+    gains,
+    interval_means,
+    is_slow,
+    mean_decay,
+    modes,
+    slow_mean_decay,
+    slow_modes,
+)
 from relloc_env.kernels.lanes import W
 
 SIZE = 26
@@ -52,8 +61,8 @@ SEEN, SEEN_X, SEEN_Y = 39 * W, 40 * W, 41 * W
 """Whether the point is measured (1 or 0), and where [-]; y may be NaN, for bearings without heights."""
 # and for scratch.
 _ROUTE, _MEAN_X, _MEAN_Y, _MEAN_XX, _MEAN_XY = 42 * W, 43 * W, 44 * W, 45 * W, 46 * W
-_H, _S_0, _S, _I = 47 * W, 48 * W, 49 * W, 50 * W
-WORKSPACE = 51
+_H, _S_0, _S, _I, _DECAY = 47 * W, 48 * W, 49 * W, 50 * W, 51 * W
+WORKSPACE = 52
 """Numbers in a workspace."""
 _CORRECT, _QUICK, _RARE = 1.0, 2.0, 3.0
 """Routes of a lane: an observer step, the same beyond the power series of `slow_modes`, a new beginning."""
@@ -179,11 +188,11 @@ def _prepare(t, critical, floor, max_gap, width):
         m_x, m_y, m_xx, m_xy = interval_means(t[i + X], t[i + Y], x, y, t[i + CHI_HAT], v, w, time)
         h = gains(v, lateral, m_x, m_y, t[i + GAIN_H], t[i + GAIN_ALPHA], critical, floor)
         stiffness = _stiffness(t, i, v, lateral, m_x, m_y)
-        a, k = h * time, stiffness * time * time
+        a, k, u = h * time, stiffness * time * time, 0.5 * time * w * m_x
         s_0, s, integral = slow_modes(a, k)
-        t[i + _ROUTE] = (_CORRECT if is_slow(a, k) else _QUICK) if near else (_RARE if begin else 0.0)
+        t[i + _ROUTE] = (_CORRECT if is_slow(a, k, u) else _QUICK) if near else (_RARE if begin else 0.0)
         t[i + _MEAN_X], t[i + _MEAN_Y], t[i + _MEAN_XX], t[i + _MEAN_XY] = m_x, m_y, m_xx, m_xy
-        t[i + _H], t[i + _S_0], t[i + _S], t[i + _I] = h, s_0, s, integral
+        t[i + _H], t[i + _S_0], t[i + _S], t[i + _I], t[i + _DECAY] = h, s_0, s, integral, slow_mean_decay(u)
 
 
 @inlined
@@ -196,9 +205,10 @@ def _stiffness(t, i, v, lateral, mean_x, mean_y):
 @inner
 def _mend_modes(t, i):
     """The modes of a step that is not slow."""
-    time, _, v, lateral, _ = _motion(t, i)
+    time, _, v, lateral, w = _motion(t, i)
     stiffness = _stiffness(t, i, v, lateral, t[i + _MEAN_X], t[i + _MEAN_Y])
     t[i + _S_0], t[i + _S], t[i + _I] = modes(t[i + _H], stiffness, time)
+    t[i + _DECAY] = mean_decay(0.5 * time * w * t[i + _MEAN_X])
 
 
 @inner
@@ -218,7 +228,7 @@ def _advance(t, settings, r, width):
         h, alpha_lambda = t[i + _H], t[i + GAIN_ALPHA]
         x_hat, y_hat, chi_hat = correct(
             t[i + X], t[i + Y], x, y, means, t[i + X_HAT], t[i + Y_HAT], chi,
-            v, lateral, w, time, h, alpha_lambda, mode, chi_min, chi_max,
+            v, lateral, w, time, h, alpha_lambda, mode, t[i + _DECAY], chi_min, chi_max,
         )  # fmt: skip
         share, base = squares * per * per, six(t, i + BASE_COVARIANCE)
         after = covariance_step(

@@ -16,6 +16,7 @@ import numpy as np
 
 from relloc_env.kernels import anchors as an
 from relloc_env.kernels import depth_state as ds
+from relloc_env.kernels import relative_pose as rp
 from relloc_env.kernels._compile import inner
 from relloc_env.kernels.lanes import W
 
@@ -57,15 +58,14 @@ def move_heard(t, options, lane):
 @inner
 def take_points(t, options, width):
     """`anchors.take_point` in all lanes."""
-    for i in range(width):
-        an.take_point(t, i, options)
-
-
-@inner
-def show_anchor(t, i):
-    """The pose now is that of the anchor, lane `i`."""
-    for k in range(9):
-        t[i + an.POSE + k * W] = t[i + an.BASE + k * W]
+    o = options
+    if o.model == rp.POSITION and not o.from_depth:  # the same with less to choose from
+        known = an.FilterOptions(rp.POSITION, False, o.variance, False, 0.0, 0.0, 0.0, 0.0, 0.0)
+        for i in range(width):
+            an.take_point(t, i, known)
+    else:
+        for i in range(width):
+            an.take_point(t, i, o)
 
 
 @inner
@@ -155,7 +155,8 @@ def present(t, i, ring, e, p, a, b, sample, received, options):
             break
     _load(t, i + an.BASE, ring.anchor[e, p, j])
     if sample < 0 or (got & np.uint64(1)):
-        show_anchor(t, i)
+        for k in range(9):
+            t[i + an.POSE + k * W] = t[i + an.BASE + k * W]
         return
     _to_sample(t, i, ring, e, sample % length, a, b)
     show_held(t, i, options)

@@ -71,6 +71,14 @@ def seed_stream(stream, seed, purpose):
     stream[1] = mix(start + _2 * _GOLDEN)
 
 
+@kernel
+def seed_streams(streams, rows, seeds):
+    """Start all streams of the environments `rows` from one seed each: uint64 (N, S, 2) and (len(rows),)."""
+    for i in range(rows.shape[0]):
+        for purpose in range(streams.shape[1]):
+            seed_stream(streams[rows[i], purpose], seeds[i], purpose)
+
+
 @inlined
 def advance_state(s0, s1):
     """One step of xoroshiro128++ (rotations 49, 21, 28): (output, s0, s1), all uint64."""
