@@ -105,7 +105,7 @@ def test_crossing_of_a_box_against_sampling() -> None:
             angle, b[1] = 0.0, a[1]
         turn = np.array([[math.cos(angle), math.sin(angle)], [-math.sin(angle), math.cos(angle)]])
         local = np.abs((a + FRACTIONS[:, None] * (b - a) - c) @ turn.T)
-        found = camera.crosses_box(*np.hstack([a, b, c, half, angle]))
+        found = camera.crosses_box(*np.hstack([a, b, c, half, math.cos(angle), math.sin(angle)]))
         inside, nearly = (local <= half).all(axis=1), (local <= half + 1e-3).all(axis=1)
         outcomes.append(check_crossing(found, inside, nearly))
     assert outcomes.count("hit") > 100
@@ -114,6 +114,19 @@ def test_crossing_of_a_box_against_sampling() -> None:
 
 def test_crossing_of_what_the_segment_starts_in_or_of_no_length() -> None:
     assert camera.crosses_disc(0.1, 0.0, 3.0, 0.0, 0.0, 0.0, 0.5) == 0.0
-    assert camera.crosses_box(0.1, 0.0, 3.0, 0.0, 0.0, 0.0, 0.5, 0.5, 0.7) == 0.0
+    assert camera.crosses_box(0.1, 0.0, 3.0, 0.0, 0.0, 0.0, 0.5, 0.5, math.cos(0.7), math.sin(0.7)) == 0.0
     assert camera.crosses_disc(1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.5) == -1.0
-    assert camera.crosses_box(1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.5, 0.5, 0.0) == -1.0
+    assert camera.crosses_box(1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.5, 0.5, 1.0, 0.0) == -1.0
+
+
+def test_view_is_the_projection_along_the_axes_of_the_camera() -> None:
+    """100 random cameras and points, in front and behind: p - c = depth (forward + x right + y down)."""
+    rng = np.random.default_rng(7)
+    for _ in range(100):
+        (x, y, p_x, p_y, p_z), height, theta = rng.uniform(-4, 4, 5), rng.uniform(0, 1), rng.uniform(-4, 4)
+        cos, sin = math.cos(theta), math.sin(theta)
+        depth, image_x, image_y = camera.view(x, y, cos, sin, height, p_x, p_y, p_z)
+        forward, right, down = np.array([[cos, sin, 0], [sin, -cos, 0], [0, 0, -1]])
+        expected = np.array([p_x - x, p_y - y, p_z - height])
+        assert depth == pytest.approx(forward @ expected, abs=1e-14)
+        assert depth * (forward + image_x * right + image_y * down) == pytest.approx(expected, abs=1e-13)

@@ -58,7 +58,7 @@ def test_view_is_where_a_point_at_camera_height_would_be_seen(seed: int) -> None
             ray = (x, y, *places[k])
             hidden = crosses_disc(*ray, other[0], other[1], scene.robot_radius) >= 0.0
             hidden |= crosses_disc(*ray, *OBSTACLES[0, 1:4]) >= 0.0
-            hidden |= crosses_box(*ray, *OBSTACLES[1, 1:6]) >= 0.0
+            hidden |= crosses_box(*ray, *OBSTACLES[1, 1:5], np.cos(OBSTACLES[1, 5]), np.sin(OBSTACLES[1, 5])) >= 0.0
             expected[k] = not hidden
         shown = Path(geometry.view(scene, robot, reach=30.0)).contains_points(places)
         assert expected.any()
