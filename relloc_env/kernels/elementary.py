@@ -1,8 +1,8 @@
-"""Sine, cosine, arc tangent, exponential and logarithm without branches, for loops over lanes (`kernels.lanes`).
+"""Sine, cosine, arc tangent and logarithm without branches, for loops over lanes (`kernels.lanes`).
 
 A call into the C library keeps a loop from being compiled to vector instructions. These are plain arithmetic, so it
 is, and they give the same bits on any machine. Each reduces its argument to a small interval and sums the Taylor
-series there. Errors stay below 1 unit in the last place (exponential, logarithm), 2 (arc tangent; sine and cosine of
+series there. Errors stay below 1 unit in the last place (logarithm), 2 (arc tangent; sine and cosine of
 angles below 1000 rad) or 2.5 (of angles below 10⁵ rad).
 """
 
@@ -14,11 +14,11 @@ _HALF_PI = (1.5707963267341256, 6.077100506303966e-11, 2.0222662487959506e-21)
 """pi/2 in parts of 33 bits, so that a multiple of the first two is exact (Cody and Waite, 1980)."""
 _LN_2 = (0.6931471803691238, 1.9082149292705877e-10)
 """ln 2, the first part with 32 bits."""
-_LOG_2_E, _TWO_OVER_PI = 1.4426950408889634, 0.6366197723675814
+_TWO_OVER_PI = 0.6366197723675814
 _PI, _PI_2, _ATAN_HALF = np.pi, np.pi / 2.0, 0.4636476090008061
 _SHIFT = 6755399441055744.0
 """1.5 2^52: added to a small whole number, it leaves that number in the last bits of the mantissa."""
-_SHIFT_BITS, _ONE_BITS, _ROOT_HALF_BITS = np.int64(0x4338000000000000), np.int64(1023), np.int64(0x3FE6A09E667F3BCD)
+_SHIFT_BITS, _ROOT_HALF_BITS = np.int64(0x4338000000000000), np.int64(0x3FE6A09E667F3BCD)
 _MANTISSA = np.int64(52)
 
 
@@ -59,20 +59,6 @@ def atan2(y, x):
     angle = _PI_2 - angle if steep else angle
     angle = _PI - angle if x < 0.0 else angle
     return -angle if y < 0.0 else angle
-
-
-@inlined
-def exp(a):
-    """e^a, for -700 < a < 700; beyond, the value at the limit."""
-    a = min(max(a, -700.0), 700.0)
-    shifted = np.floor(a * _LOG_2_E + 0.5) + _SHIFT
-    n = shifted - _SHIFT
-    x = (a - n * _LN_2[0]) - n * _LN_2[1]
-    p = 1 / 3628800 + x * (1 / 39916800 + x * (1 / 479001600 + x * (1 / 6227020800)))
-    p = 1 / 5040 + x * (1 / 40320 + x * (1 / 362880 + x * p))
-    p = 0.5 + x * (1 / 6 + x * (1 / 24 + x * (1 / 120 + x * (1 / 720 + x * p))))
-    bits = (np.float64(shifted).view(np.int64) - _SHIFT_BITS + _ONE_BITS) << _MANTISSA
-    return (1.0 + (x + x * x * p)) * np.int64(bits).view(np.float64)
 
 
 @inlined

@@ -1,12 +1,18 @@
-"""Depth observers to drive in tests: any number of points, side by side in the lanes of their workspaces."""
+"""Depth observers to drive in tests: any number of points, side by side in the lanes of their workspaces.
+
+And what a step of one should be, by dense tools.
+"""
 
 from typing import Any
 
 import numba
 import numpy as np
 from numpy.typing import NDArray
+from scipy.integrate import simpson
+from scipy.interpolate import CubicHermiteSpline
+from scipy.linalg import expm
 
-from relloc_env.kernels import depth_state
+from relloc_env.kernels import camera, depth_state
 from relloc_env.kernels.elementary import sin_cos
 from relloc_env.kernels.lanes import W, blocks
 from relloc_env.kernels.motion import arc
@@ -114,3 +120,29 @@ class Observers:
         """(lanes, WORKSPACE) copy of all workspaces."""
         table = self.workspaces.reshape(len(self.workspaces), -1, W)
         return np.moveaxis(table, 1, 2).reshape(-1, depth_state.WORKSPACE)
+
+
+def observer_step(
+    s0: Float, s1: Float, state: Float, velocity: Float, dt: float, h: float, alpha_lambda: float
+) -> Float:
+    """One step by dense tools, without bounds: half the flow of f_u, the exponential of the linear part, half the flow.
+
+    x and Omega are means over the cubic through both samples that has the slopes of the image flow.
+    """
+    v, lateral, w = velocity
+    ends = np.array([s0, s1])
+    slopes = [camera.image_flow(*s, state[2], *velocity)[:2] for s in ends]
+    path = CubicHermiteSpline([0.0, dt], ends, slopes)(np.array([0.0, 0.5, 1.0]) * dt)
+    mean, xx, xy = (simpson(f, dx=0.5, axis=0) for f in (path, path[:, 0] ** 2, path[:, 0] * path[:, 1]))
+    omega = v * mean + [lateral, 0.0]
+
+    def half_of_f_u(chi: float) -> float:
+        """dz/dt = -v - w x z, which is linear, over half the time."""
+        flow = expm(0.5 * dt * np.array([[-w * mean[0], -v], [0.0, 0.0]]))
+        return 1.0 / (flow @ [1.0 / chi, 1.0])[0]
+
+    drift = (s1 - s0) / dt - w * np.array([1.0 + xx, xy])
+    linear = np.zeros((4, 4))  # of e_x, e_y, chi, 1
+    linear[:2, :2], linear[:2, 2], linear[:2, 3], linear[2, :2] = -h * np.eye(2), -omega, drift, alpha_lambda * omega
+    *e, chi, _ = expm(linear * dt) @ [*(s0 - state[:2]), half_of_f_u(state[2]), 1.0]
+    return np.array([*(s1 - e), half_of_f_u(chi)])

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
-from relloc_env.kernels import camera
+from relloc_env.kernels import camera, depth_state
 from relloc_env.kernels import depth_observer as kernels
-from tests.kernels.observers import ESTIMATE, SETTINGS, Observers
+from tests.kernels.observers import ESTIMATE, SETTINGS, Observers, observer_step
 
 Float = NDArray[np.float64]
 PAPER = {"p1": (0.0, 0.0, 5.0), "p2": (0.0, 5.0, 5.0), "p3": (5.0, 0.0, 5.0), "p4": (5.0, 5.0, 5.0)}
@@ -191,6 +191,25 @@ def test_modes_are_the_matrix_exponential_in_every_regime() -> None:
         first = [[1 - a * s - b * i, -root * dt * s], [root * dt * s, 1 - b * i]]
         assert np.array(first) == pytest.approx(exact[:2, :2], abs=2e-9)
         assert np.array([s, root * dt * i, s_0]) * dt == pytest.approx(exact[:3, 3], abs=2e-9 * dt)
+
+
+def test_a_step_is_that_of_dense_tools_at_any_gain_and_speed() -> None:
+    """400 random steps; H dt to 25, stiffness dt² and w x dt far beyond what power series cover."""
+    rng, cases = np.random.default_rng(5), 400
+    before, chi = rng.uniform(-1, 1, (cases, 2)), rng.uniform(0.1, 1, cases)
+    u, dt = rng.uniform(-1, 1, (cases, 3)) * [1, 1, 4], 10 ** rng.uniform(-2.3, -0.6, cases)
+    h, alpha_lambda = 10 ** rng.uniform(-0.3, 2, cases), 10 ** rng.uniform(0, 4, cases)
+    after = before + rng.uniform(-0.05, 0.05, (cases, 2))
+    start = np.column_stack([before + rng.uniform(-0.05, 0.05, (cases, 2)), chi])
+    observers = Observers(cases, UNBOUNDED, h=h, alpha_lambda=alpha_lambda, depth=1 / chi)
+    observers.sample(np.zeros(3), 0.0, before)
+    observers.put(depth_state.X_HAT, start[:, 0])
+    observers.put(depth_state.Y_HAT, start[:, 1])
+    observers.sample(u, dt, after)
+    expected = [observer_step(*case) for case in zip(before, after, start, u, dt, h, alpha_lambda, strict=True)]
+    inside = np.array([1e-2 < step[2] < 1e2 for step in expected])  # else the bounds of chi matter
+    assert inside.sum() > 200
+    assert observers.numbers[inside][:, ESTIMATE] == pytest.approx(np.array(expected)[inside], rel=1e-8, abs=1e-8)
 
 
 @pytest.mark.parametrize("critical", [0.0, 1.0])

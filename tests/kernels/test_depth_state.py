@@ -6,12 +6,10 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy.integrate import simpson, solve_ivp
-from scipy.interpolate import CubicHermiteSpline
-from scipy.linalg import expm
+from scipy.integrate import solve_ivp
 
 from relloc_env.kernels import camera, depth_state
-from tests.kernels.observers import COVARIANCE, ESTIMATE, KNOWN, POINT, SETTINGS, TIME, Observers
+from tests.kernels.observers import COVARIANCE, ESTIMATE, KNOWN, POINT, SETTINGS, TIME, Observers, observer_step
 
 Float = NDArray[np.float64]
 
@@ -66,30 +64,6 @@ def random_walk(rng: np.random.Generator, count: int, dt: float) -> tuple[Float,
     return velocities, poses_along(velocities, dt)
 
 
-def observer_step(s0: Float, s1: Float, state: Float, velocity: Float, dt: float) -> Float:
-    """Strang splitting with dense tools: half the flow of f_u, the exponential of the linear part, half the flow.
-
-    x and Omega are means over the cubic through both samples that has the slopes of the image flow.
-    """
-    v, lateral, w = velocity
-    ends = np.array([s0, s1])
-    slopes = [camera.image_flow(*s, state[2], *velocity)[:2] for s in ends]
-    path = CubicHermiteSpline([0.0, dt], ends, slopes)(np.array([0.0, 0.5, 1.0]) * dt)
-    mean, xx, xy = (simpson(f, dx=0.5, axis=0) for f in (path, path[:, 0] ** 2, path[:, 0] * path[:, 1]))
-    omega = v * mean + [lateral, 0.0]
-
-    def half_of_f_u(chi: float) -> float:
-        """dz/dt = -v - w x z, which is linear, over half the time."""
-        flow = expm(0.5 * dt * np.array([[-w * mean[0], -v], [0.0, 0.0]]))
-        return 1.0 / (flow @ [1.0 / chi, 1.0])[0]
-
-    drift = (s1 - s0) / dt - w * np.array([1.0 + xx, xy])
-    linear = np.zeros((4, 4))  # of e_x, e_y, chi, 1
-    linear[:2, :2], linear[:2, 2], linear[:2, 3], linear[2, :2] = -2.5 * np.eye(2), -omega, drift, 120.0 * omega
-    *e, chi, _ = expm(linear * dt) @ [*(s0 - state[:2]), half_of_f_u(state[2]), 1.0]
-    return np.array([*(s1 - e), half_of_f_u(chi)])
-
-
 def test_a_point_seen_in_every_sample_is_one_observer_step_each() -> None:
     rng = np.random.default_rng(1)
     velocities, poses = random_walk(rng, 100, 0.05)
@@ -100,7 +74,7 @@ def test_a_point_seen_in_every_sample_is_one_observer_step_each() -> None:
     state = np.array([*images[0], 1 / 5])
     for velocity, before, now in zip(velocities, images, images[1:], strict=False):
         q = follower.sample(velocity, 0.05, now)
-        state = observer_step(before, now, state, velocity, 0.05)
+        state = observer_step(before, now, state, velocity, 0.05, 2.5, 120.0)
         assert follower.row[ESTIMATE] == pytest.approx(state, rel=1e-11)
         assert q == pytest.approx(np.array([1, -state[0], -state[1]]) / state[2], rel=1e-11)
         assert follower.row[TIME] == 0

@@ -1,4 +1,4 @@
-"""Sine, cosine, arc tangent, exponential and logarithm of the kernels, against numpy's in extended precision."""
+"""Sine, cosine, arc tangent and logarithm of the kernels, against numpy's in extended precision."""
 
 import math
 from collections.abc import Callable
@@ -10,7 +10,7 @@ import pytest
 
 from relloc_env.kernels import elementary
 
-sin_cos, atan2, exp, log = elementary.sin_cos, elementary.atan2, elementary.exp, elementary.log
+sin_cos, atan2, log = elementary.sin_cos, elementary.atan2, elementary.log
 CASES = 100_000
 REFERENCE = 0.0 if np.finfo(np.longdouble).nmant > 52 else 1.0
 """Error [ulp] of the reference, where a long double is no longer than a double."""
@@ -26,12 +26,6 @@ def sines(a, out):
 def angles(y, x, out):
     for i in range(y.size):
         out[i] = atan2(y[i], x[i])
-
-
-@numba.njit
-def exponentials(a, out):
-    for i in range(a.size):
-        out[i] = exp(a[i])
 
 
 @numba.njit
@@ -98,26 +92,6 @@ def test_arc_tangent_on_the_axes_and_diagonals() -> None:
     for zero in (0.0, -0.0):
         assert atan2(zero, 1.0) == atan2(zero, 0.0) == atan2(zero, -0.0) == 0.0
         assert atan2(zero, -1.0) == math.pi
-
-
-@pytest.mark.parametrize(("low", "high"), [(-1e-12, 1e-12), (-0.4, 0.4), (-40.0, 40.0), (-700.0, 700.0)])
-def test_exponential(low: float, high: float) -> None:
-    rng = np.random.default_rng(5)
-    assert error(exponentials, np.exp, rng.uniform(low, high, CASES)) < 1.0 + REFERENCE
-
-
-def test_exponential_where_its_interval_ends() -> None:
-    """Halfway between two multiples of ln 2, where the series is summed farthest from 0."""
-    a = (np.arange(-1000, 1000) + 0.5) * math.log(2.0)
-    a = np.concatenate([a, np.nextafter(a, -np.inf), np.nextafter(a, np.inf)])
-    assert error(exponentials, np.exp, a) < 1.0 + REFERENCE
-
-
-def test_exponential_at_zero_and_beyond_the_limits() -> None:
-    assert exp(0.0) == exp(-0.0) == exp(5e-324) == 1.0
-    for beyond in (700.0, 701.0, 1e300, math.inf):
-        assert exp(beyond) == pytest.approx(math.exp(700.0), rel=3e-16)
-        assert exp(-beyond) == pytest.approx(math.exp(-700.0), rel=3e-16)
 
 
 def test_logarithm_of_normal_numbers() -> None:
