@@ -25,7 +25,6 @@ from relloc_env.kernels.information import (
 )
 from relloc_env.kernels.lanes import W
 from relloc_env.kernels.motion import wrap_angle
-from relloc_env.kernels.world import Truth, World
 
 TERMS: Mapping[str, str] = {
     "excitation": "least over the targets of the excitation gained, the integral of v²(x² + y²) over the action [m²/s]",
@@ -65,6 +64,10 @@ class Score(NamedTuple):
     """[m, rad] (N, P, 2) distance and angle between estimated and true pose."""
     terms: Any
     """(N, R, T) the terms of the reward."""
+
+
+BOUND_FIELDS = Score._fields.index("depth_error")
+"""Count of the first fields of `Score`, those of the bound."""
 
 
 def make_score(config: EnvConfig, num_envs: int) -> Score:
@@ -129,70 +132,68 @@ def pack_known(config: EnvConfig) -> Known:
 
 
 @kernel
-def start_bound(score_, world_, first_truth_, known_, rows):
-    """Start the bound of new episodes from the priors and their first images."""
-    score, world, truth, known = Score(*score_), World(*world_), Truth(*first_truth_), Known(*known_)
-    work = np.zeros((2, score.bound.shape[1]))
+def start_bound(
+    bound, sighted, depth_info, pose_info, pose_cov, worst_sd, pose, points, t_pose, t_visible,
+    depth_sd, pose_sd, heights, _speed_sd, _turn_sd, image_sd, rows,
+):  # fmt: skip
+    """Start the bound of new episodes from the priors and their first images; arguments as for `carry_bound`."""
+    work = np.zeros((2, bound.shape[1]))
     for n in rows:
-        bound_reset(score.bound[n], score.sighted[n], world.pose[n], known.pose_sd, 0.0, UNSEEN_SD)
-        _measure(score, world, truth, known, work, n, 0)
-        _informations(score, world, n)
+        bound_reset(bound[n], sighted[n], pose[n], pose_sd, 0.0, UNSEEN_SD)
+        bound_measure(
+            bound[n], work, sighted[n], t_pose[n, 0], points[n], heights, t_visible[n, 0], image_sd, depth_sd, True
+        )
+        _inform(bound[n], depth_info[n], pose_info, pose_cov[n], worst_sd[n], pose[n], points[n], n)
 
 
 @kernel
-def carry_bound(score_, world_, truth_, known_, params_, rows):
+def carry_bound(
+    bound, sighted, depth_info, pose_info, pose_cov, worst_sd, pose, points, t_pose, t_visible,
+    depth_sd, _pose_sd, heights, speed_sd, turn_sd, image_sd, rows, terms, t_velocity, dt,
+):  # fmt: skip
     """Carry the bound over the samples of an action; the information gained goes to the terms of the reward.
 
     Args:
-        score_, world_, truth_, known_: `Score`, `World`, `Truth`, `Known`.
-        params_: record.
+        bound, ..., worst_sd: fields of `Score`, changed in place.
+        pose, points: of `World`.
+        t_pose, t_visible: of `Truth`.
+        depth_sd, ..., image_sd: `Known`.
         rows: environments that moved.
+        terms: of `Score`, written.
+        t_velocity: of `Truth`.
+        dt: [s] length of a sample.
     """
-    score, world, truth, known = Score(*score_), World(*world_), Truth(*truth_), Known(*known_)
-    dt, work = params_[0].dt, np.zeros((2, score.bound.shape[1]))
+    work, robots = np.zeros((2, bound.shape[1])), pose.shape[1]
     for n in rows:
-        for k in range(truth.pose.shape[1]):
-            bound_move(
-                score.bound[n], work, truth.pose[n, k], world.points[n], truth.velocity[n, k], dt,
-                known.speed_sd, known.turn_sd,
-            )  # fmt: skip
-            _measure(score, world, truth, known, work, n, k)
-        before = score.pose_information[n]
-        for r in range(world.pose.shape[1]):
-            score.terms[n, r, DEPTH_INFO] = -score.depth_information[n, r]
-        _informations(score, world, n)
-        for r in range(world.pose.shape[1]):
-            score.terms[n, r, DEPTH_INFO] += score.depth_information[n, r]
-            score.terms[n, r, POSE_INFO] = score.pose_information[n] - before
+        for k in range(t_pose.shape[1]):
+            bound_move(bound[n], work, t_pose[n, k], points[n], t_velocity[n, k], dt, speed_sd, turn_sd)
+            bound_measure(
+                bound[n], work, sighted[n], t_pose[n, k], points[n], heights, t_visible[n, k], image_sd, depth_sd, True
+            )
+        before = pose_info[n]
+        for r in range(robots):
+            terms[n, r, DEPTH_INFO] = -depth_info[n, r]
+        _inform(bound[n], depth_info[n], pose_info, pose_cov[n], worst_sd[n], pose[n], points[n], n)
+        for r in range(robots):
+            terms[n, r, DEPTH_INFO] += depth_info[n, r]
+            terms[n, r, POSE_INFO] = pose_info[n] - before
 
 
 @inner
-def _measure(score, world, truth, known, work, n, k):
-    """Take the images of sample k into the bound."""
-    bound_measure(
-        score.bound[n], work, score.sighted[n], truth.pose[n, k], world.points[n], known.camera_heights,
-        truth.visible[n, k], known.image_sd, known.depth_sd, True,
-    )  # fmt: skip
-
-
-@inner
-def _informations(score, world, n):
-    """Refresh information and worst standard deviations from the bound."""
-    robots, count = world.pose.shape[1], world.points.shape[1]
-    worst = 0.0
+def _inform(bound, depth_info, pose_info, pose_cov, worst_sd, pose, points, n):
+    """Refresh information and worst standard deviations of one environment from its bound."""
+    robots, count = pose.shape[0], points.shape[0]
+    first, second, worst = np.int64(0), np.int64(1), 0.0  # numbers alone would be compiled for anew
     for r in range(robots):
-        score.depth_information[n, r] = depth_information(score.bound[n], world.pose[n], world.points[n], r)
+        depth_info[r] = depth_information(bound, pose, points, r)
     if robots == 1:
         for i in range(count):
-            worst = max(worst, range_variance(score.bound[n], world.pose[n], world.points[n], 0, i))
-        score.worst_sd[n, 0] = math.sqrt(worst)
-        score.worst_sd[n, 1] = 0.0
+            worst = max(worst, range_variance(bound, pose, points, first, i))
+        worst_sd[0], worst_sd[1] = math.sqrt(worst), 0.0
         return
-    score.pose_information[n] = pose_information(score.bound[n], count, 1)
-    covariance = score.pose_covariance[n]
-    pose_covariance(score.bound[n], count, world.pose[n], 0, 1, covariance)
-    score.worst_sd[n, 0] = math.sqrt(max(covariance[0, 0], covariance[1, 1]))
-    score.worst_sd[n, 1] = math.sqrt(covariance[2, 2])
+    pose_info[n] = pose_information(bound, count, second)
+    pose_covariance(bound, count, pose, first, second, pose_cov)
+    worst_sd[0], worst_sd[1] = math.sqrt(max(pose_cov[0, 0], pose_cov[1, 1])), math.sqrt(pose_cov[2, 2])
 
 
 # Workspace of `score_action`, in lanes: of robots,

@@ -17,7 +17,7 @@ from relloc_env.kernels import sensing as se
 from relloc_env.kernels._compile import inlined, inner, kernel
 from relloc_env.kernels.lanes import W
 from relloc_env.kernels.placement import place
-from relloc_env.kernels.streams import ACTUATOR, PURPOSES, fill_normals, seed_streams
+from relloc_env.kernels.streams import ACTUATOR, PURPOSES, SCENARIO, fill_normals, seed_streams
 from relloc_env.kernels.world import Truth, World, settle_contact
 from relloc_env.parameters import pack_obstacles, pack_parameters, pack_robots
 from relloc_env.samples import Float, Prior, Rows, Samples, empty_samples, ordered_pairs
@@ -29,42 +29,40 @@ OPTIONS = ("poses", "points")
 
 @kernel
 def _begin(
-    world_, params_, robots, obstacles, pairs, rows, failed,
-    pose, velocity, points, visible, tick, deliver, streams,
+    params_, robots, obstacles, pairs, rows, failed,
+    pose, velocity, wheels, pending, command, points, visible, contact, collided, blocked, tick, position, deliver,
+    streams, fixed_poses, fixed_points, guess_depth, guess_pose,
     s_period, s_odometry, s_image, s_seen, s_arrived, t_pose, t_velocity, t_visible,
 ):  # fmt: skip
     """Start new episodes and take their first sample; returns how many could not be placed (listed in `failed`)."""
-    world, params = World(*world_), params_[0]
-    targets = points.shape[1]
+    params, targets, count, none = params_[0], points.shape[1], 0, np.int64(0)
     sights = (robots.shape[0] * dr.ROBOT + 3 * targets) * W
-    t, count = np.zeros(sights + robots.shape[0] * targets * se.SIGHT * W), 0
+    t = np.zeros(sights + robots.shape[0] * targets * se.SIGHT * W)
     for n in rows:
-        if not place(world, n, params, robots, obstacles, pairs):
+        if not place(
+            pose[n], points[n], fixed_poses[n], fixed_points[n], guess_depth[n], guess_pose[n], streams[n, SCENARIO],
+            params, robots, obstacles, pairs,
+        ):  # fmt: skip
             failed[count] = n
             count += 1
             continue
-        world.tick[n] = 0
-        world.position[n] = params.samples_per_action
-        world.deliver[n] = -1
-        world.velocity[n] = 0.0
-        world.wheels[n] = 0.0
-        world.pending[n] = 0.0
-        world.command[n] = 0.0
-        world.contact[n] = False
-        world.collided[n] = False
-        world.blocked[n] = 0
+        tick[n] = 0
+        position[n] = params.samples_per_action
+        deliver[n] = -1
+        velocity[n] = 0.0
+        wheels[n] = 0.0
+        pending[n] = 0.0
+        command[n] = 0.0
+        contact[n] = False
+        collided[n] = False
+        blocked[n] = 0
         s_odometry[n, 0] = 0.0
-        for r in range(robots.shape[0]):
-            for j in range(3):
-                t[dr.POSE + (r * dr.ROBOT + j) * W] = pose[n, r, j]
-        for i in range(targets):
-            for j in range(3):
-                t[(robots.shape[0] * dr.ROBOT + 3 * i + j) * W] = points[n, i, j]
-        se.draw(t, 0, streams, n, sights, targets, params, robots.shape[0])
+        _load(t, none, n, pose, velocity, wheels, command, points, blocked)
+        se.draw(t, none, streams, n, sights, targets, params, robots.shape[0])
         _look(t, sights, targets, robots, obstacles, params.width)
         _store(
-            t, 0, n, 0, 0.0, sights, params, robots, pairs, pose, velocity, visible, tick, deliver, streams,
-            s_period, s_image, s_seen, s_arrived, t_pose, t_velocity, t_visible,
+            t, none, n, none, 0.0 * params.dt, sights, params, robots, pairs, pose, velocity, visible, tick, deliver,
+            streams, s_period, s_image, s_seen, s_arrived, t_pose, t_velocity, t_visible,
         )  # fmt: skip
     return count
 
@@ -256,11 +254,10 @@ def _measure_motion(t, lane, n, k, robots, velocity, odometry):
 
 
 @kernel
-def _after_contact(world_, params_, robots, obstacles, rows):
+def _after_contact(pose, pending, velocity, contact, collided, params_, robots, obstacles, rows):
     """Take over what the contact solver found."""
-    world, params = World(*world_), params_[0]
     for n in rows:
-        settle_contact(world, n, params, robots, obstacles)
+        settle_contact(pose, pending, velocity, contact, collided, n, params_[0], robots, obstacles)
 
 
 class Simulation:
@@ -304,9 +301,8 @@ class Simulation:
         self.first, self.first_truth = _blocks(n, 1, r, m, p)
         self.fix(np.arange(n), {})
         self._solvers: list[ContactSolver | None] = [None] * threads
-        self._world_ = tuple(self.world)
         self._arrays = (*(getattr(self.world, name) for name in _MOVED), *self.samples, *self.truth)
-        self._seen_at_start = (*(getattr(self.world, name) for name in _BEGUN), *self.first, *self.first_truth)
+        self._begun = (*(getattr(self.world, name) for name in _MOVED + _DRAWN), *self.first, *self.first_truth)
         self.seed(np.arange(n), [int(seed) for seed in np.random.SeedSequence().generate_state(n, np.uint64)])
 
     def seed(self, rows: Rows, seeds: Sequence[int]) -> None:
@@ -329,8 +325,8 @@ class Simulation:
         """
         self.fix(rows, options)
         failed = _begin(
-            self._world_, self.parameters, self.robots, self.obstacles, self.pairs, rows, np.empty(len(rows), np.int64),
-            *self._seen_at_start,
+            self.parameters, self.robots, self.obstacles, self.pairs, rows, np.empty(len(rows), np.int64),
+            *self._begun,
         )  # fmt: skip
         if failed:
             raise ConfigError(
@@ -373,7 +369,7 @@ class Simulation:
             rows: indices of the environments that move.
             thread: number of the calling thread, where several work on parts of the batch at once.
         """
-        waiting, resumed = np.empty(len(rows), np.int64), False
+        waiting, resumed, world = np.empty(len(rows), np.int64), False, self.world
         while True:
             count = _advance(
                 actions, self.parameters, self.robots, self.obstacles, self.pairs, rows, waiting, resumed,
@@ -383,7 +379,10 @@ class Simulation:
                 return
             rows, resumed = waiting[:count].copy(), True
             self._solver(thread).solve_many(self.world, rows)
-            _after_contact(self._world_, self.parameters, self.robots, self.obstacles, rows)
+            _after_contact(
+                world.pose, world.pending, world.velocity, world.contact, world.collided,
+                self.parameters, self.robots, self.obstacles, rows,
+            )  # fmt: skip
 
     def _solver(self, thread: int) -> ContactSolver:
         """The contact solver of a thread."""
@@ -414,8 +413,8 @@ _MOVED = (
     "position", "deliver", "streams",
 )  # fmt: skip
 """Fields of `World` that `_advance` takes one by one (quicker to hand over than a tuple)."""
-_BEGUN = ("pose", "velocity", "points", "visible", "tick", "deliver", "streams")
-"""The same, of `_begin`."""
+_DRAWN = ("fixed_poses", "fixed_points", "guess_depth", "guess_pose")
+"""Those that `_begin` takes as well."""
 
 
 def _blocks(n: int, k: int, r: int, m: int, p: int) -> tuple[Samples, Truth]:

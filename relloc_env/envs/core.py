@@ -16,7 +16,7 @@ from relloc_env.envs.threads import LEAST, check_threads, parts, run
 from relloc_env.estimators.protocol import Estimator
 from relloc_env.kernels.lanes import W
 from relloc_env.kernels.world import Truth
-from relloc_env.rewards import carry_bound, make_score, pack_known, score_action, start_bound, weights
+from relloc_env.rewards import BOUND_FIELDS, carry_bound, make_score, pack_known, score_action, start_bound, weights
 from relloc_env.samples import Bool, Float, Float32, Rows, Samples, copy_sample
 from relloc_env.simulation import Simulation
 
@@ -67,12 +67,13 @@ class Core:
         self.elapsed: NDArray[np.int64] = np.zeros(n, np.int64)
         self._weights = weights(config)
         known = pack_known(config)
-        self._known_, self._heights, self._tracks_bound = tuple(known), known.camera_heights, config.tracks_bound
+        self._known, self._heights, self._tracks_bound = known, known.camera_heights, config.tracks_bound
         self._ends = pack_ends(config)
         self._limits = np.array([config.max_cycles, config.sample_period])
-        self._world_ = tuple(self.simulation.world)
-        self._score_, self._truth_ = tuple(self.score), tuple(self.simulation.truth)
-        self._first_truth_ = tuple(self.simulation.first_truth)
+        world, simulation = self.simulation.world, self.simulation
+        self._bound = self.score[:BOUND_FIELDS]
+        self._sight = (world.pose, world.points, simulation.truth.pose, simulation.truth.visible)
+        self._first_sight = (world.pose, world.points, simulation.first_truth.pose, simulation.first_truth.visible)
         self.information = Information(self)
 
     @property
@@ -101,7 +102,7 @@ class Core:
             array[rows] = 0
         self.onboard.reset(simulation.prior, simulation.first, rows)
         if self._tracks_bound:
-            start_bound(self._score_, self._world_, self._first_truth_, self._known_, rows)
+            start_bound(*self._bound, *self._first_sight, *self._known, rows)
         self._score(simulation.first, simulation.first_truth, rows, started=True)
         copy_sample(simulation.first, 0, simulation.samples, -1, rows)
         self._observe(rows)
@@ -121,7 +122,10 @@ class Core:
         simulation.step(actions, rows, part)
         self.onboard.update(simulation.samples, rows)
         if self._tracks_bound:
-            carry_bound(self._score_, self._world_, self._truth_, self._known_, simulation.parameters, rows)
+            carry_bound(
+                *self._bound, *self._sight, *self._known, rows, self.score.terms, simulation.truth.velocity,
+                self.config.sample_period,
+            )  # fmt: skip
         self._score(simulation.samples, simulation.truth, rows, started=False)
         end_action(
             self.reward, self.joint_reward, simulation.world.collided, self.score.worst_sd, self.elapsed, self._ends,

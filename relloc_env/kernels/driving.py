@@ -47,8 +47,8 @@ def drive(t, points, targets, params, robots, obstacles, width):
         p = r * ROBOT * W
         _propose(t, p, params.dt, robots[r], width)
         if params.shield:
-            _gap(t, p, POSE, _GAP, half_x, half_y, obstacles, width)
-            _gap(t, p, END, _GAP_END, half_x, half_y, obstacles, width)
+            _gap(t, p + POSE, p + _GAP, half_x, half_y, obstacles, width)
+            _gap(t, p + END, p + _GAP_END, half_x, half_y, obstacles, width)
             _shield(t, p, params.shield_wall, width)
             for i in range(targets):
                 _shield_target(t, p, points + 3 * i * W, params.shield_target, width)
@@ -62,10 +62,11 @@ def drive(t, points, targets, params, robots, obstacles, width):
         for r in range(count):
             _count(t, r * ROBOT * W, width)
     for r in range(count):
-        _gap(t, r * ROBOT * W, END, _GAP_END, half_x, half_y, obstacles, width)
-        _touch(t, r * ROBOT * W, robots[r].radius, width)
+        p = r * ROBOT * W
+        _gap(t, p + END, p + _GAP_END, half_x, half_y, obstacles, width)
+        _touch(t, p, robots[r].radius, width)
         for other in range(r):
-            _touch_robot(t, r * ROBOT * W, other * ROBOT * W, robots[r].radius + robots[other].radius, width)
+            _touch_robot(t, p, other * ROBOT * W, robots[r].radius + robots[other].radius, width)
 
 
 @inner
@@ -87,9 +88,9 @@ def _propose(t, p, dt, robot, width):
 
 
 @inner
-def _gap(t, p, place, result, half_x, half_y, obstacles, width):
-    """Clearance [m] of a robot's place, see `world.clearance`."""
-    t, gap = t[p + place :], t[p + result :]
+def _gap(t, place, result, half_x, half_y, obstacles, width):
+    """Clearance [m] of a place, see `world.clearance`."""
+    t, gap = t[place:], t[result:]
     for i in range(width):
         gap[i] = to_walls(t[i], t[i + W], half_x, half_y)
     for o in range(obstacles.shape[0]):

@@ -2,10 +2,10 @@
 
 import math
 
-from relloc_env.kernels._compile import kernel
+from relloc_env.kernels._compile import inner, kernel
 from relloc_env.kernels.motion import relative, wrap_angle
 from relloc_env.kernels.sensing import in_view
-from relloc_env.kernels.streams import SCENARIO, integer, normal, uniform
+from relloc_env.kernels.streams import integer, normal, uniform
 from relloc_env.kernels.world import clearance
 
 FIXED, POSITIVE, GAUSSIAN = range(3)
@@ -16,123 +16,118 @@ ROBOT_TRIES = 60
 """Attempts at one robot's pose among given targets."""
 
 
-@kernel
+@inner
 def _between(low, high, stream):
     """Uniform in [low, high)."""
     return low + (high - low) * uniform(stream)
 
 
-@kernel
-def _draw_points(world, n, params, robots, obstacles):
+@inner
+def _draw_points(points, fixed_points, stream, params, robots, obstacles):
     """Draw the targets that are not fixed: the first anywhere, the others around it. Returns whether they fit."""
-    stream = world.streams[n, SCENARIO]
-    points = world.points
     half_x, half_y = min(params.half_x, 20.0) - params.margin, min(params.half_y, 20.0) - params.margin
-    for i in range(points.shape[1]):
-        if world.fixed_points[n, i, 0] == world.fixed_points[n, i, 0]:
+    for i in range(points.shape[0]):
+        if fixed_points[i, 0] == fixed_points[i, 0]:
             for k in range(3):
-                points[n, i, k] = world.fixed_points[n, i, k]
+                points[i, k] = fixed_points[i, k]
             continue
         if i == 0:
             x, y = _between(-half_x, half_x, stream), _between(-half_y, half_y, stream)
         else:
             reach = _between(params.separation_min, params.separation_max, stream)
             angle = _between(-math.pi, math.pi, stream)
-            x, y = points[n, 0, 0] + reach * math.cos(angle), points[n, 0, 1] + reach * math.sin(angle)
-        points[n, i, 0] = x
-        points[n, i, 1] = y
-        points[n, i, 2] = robots[0].mount_height + _between(params.height_min, params.height_max, stream)
+            x, y = points[0, 0] + reach * math.cos(angle), points[0, 1] + reach * math.sin(angle)
+        points[i, 0] = x
+        points[i, 1] = y
+        points[i, 2] = robots[0].mount_height + _between(params.height_min, params.height_max, stream)
         if abs(x) > half_x or abs(y) > half_y:
             return False
         if clearance(x, y, params.half_x, params.half_y, obstacles) <= 0.0:
             return False
         for j in range(i):
-            distance = math.hypot(x - points[n, j, 0], y - points[n, j, 1])
+            distance = math.hypot(x - points[j, 0], y - points[j, 1])
             if distance < params.separation_min or distance > params.separation_max:
                 return False
     return True
 
 
-@kernel
-def _within_reach(world, n, x, y, params):
+@inner
+def _within_reach(points, x, y, params):
     """Whether every target is within the limits of distance from a place."""
-    points = world.points
-    for j in range(points.shape[1]):
-        distance = math.hypot(points[n, j, 0] - x, points[n, j, 1] - y)
+    for j in range(points.shape[0]):
+        distance = math.hypot(points[j, 0] - x, points[j, 1] - y)
         if distance < params.distance_min or distance > params.distance_max:
             return False
     return True
 
 
-@kernel
-def _draw_robot(world, n, r, params, robots, obstacles):
+@inner
+def _draw_robot(pose, points, stream, r, params, robots, obstacles):
     """Draw one robot's pose around the targets. Returns whether it meets the conditions."""
-    stream = world.streams[n, SCENARIO]
-    points, pose = world.points, world.pose
-    count = points.shape[1]
+    count = points.shape[0]
     i = integer(stream, count)
     reach, angle = _between(params.distance_min, params.distance_max, stream), _between(-math.pi, math.pi, stream)
-    x, y = points[n, i, 0] + reach * math.cos(angle), points[n, i, 1] + reach * math.sin(angle)
+    x, y = points[i, 0] + reach * math.cos(angle), points[i, 1] + reach * math.sin(angle)
     error = params.heading_error * _between(-1.0, 1.0, stream)
     room = max(params.margin, robots[r].radius)
     if clearance(x, y, params.half_x, params.half_y, obstacles) < room:
         return False
-    if not _within_reach(world, n, x, y, params):
+    if not _within_reach(points, x, y, params):
         return False
     c_x, c_y = 0.0, 0.0
     for j in range(count):
-        c_x += points[n, j, 0] / count
-        c_y += points[n, j, 1] / count
+        c_x += points[j, 0] / count
+        c_y += points[j, 1] / count
     for other in range(r):
-        if math.hypot(x - pose[n, other, 0], y - pose[n, other, 1]) < params.robot_distance:
+        if math.hypot(x - pose[other, 0], y - pose[other, 1]) < params.robot_distance:
             return False
-    pose[n, r, 0] = x
-    pose[n, r, 1] = y
-    pose[n, r, 2] = wrap_angle(math.atan2(c_y - y, c_x - x) + error)
+    pose[r, 0] = x
+    pose[r, 1] = y
+    pose[r, 2] = wrap_angle(math.atan2(c_y - y, c_x - x) + error)
     return True
 
 
-@kernel
-def _all_in_view(world, n, r, robots, others, obstacles):
+@inner
+def _all_in_view(pose, points, r, robots, others, obstacles):
     """Whether robot r sees every target past the robots before `others`."""
     seen = 0
-    for i in range(world.points.shape[1]):
-        seen += in_view(world, n, r, i, robots, others, obstacles)
-    return seen == world.points.shape[1]
+    for i in range(points.shape[0]):
+        seen += in_view(pose, points, r, i, robots, others, obstacles)
+    return seen == points.shape[0]
 
 
-@kernel
-def _try_place(world, n, params, robots, obstacles):
+@inner
+def _try_place(pose, points, fixed_poses, fixed_points, stream, params, robots, obstacles):
     """One attempt at targets and poses."""
-    if not _draw_points(world, n, params, robots, obstacles):
+    if not _draw_points(points, fixed_points, stream, params, robots, obstacles):
         return False
-    drawn = world.fixed_points[n, 0, 0] != world.fixed_points[n, 0, 0]
+    drawn = fixed_points[0, 0] != fixed_points[0, 0]
     for r in range(robots.shape[0]):
-        if world.fixed_poses[n, r, 0] == world.fixed_poses[n, r, 0]:
+        if fixed_poses[r, 0] == fixed_poses[r, 0]:
             for k in range(3):
-                world.pose[n, r, k] = world.fixed_poses[n, r, k]
-            if drawn and not _within_reach(world, n, world.pose[n, r, 0], world.pose[n, r, 1], params):
+                pose[r, k] = fixed_poses[r, k]
+            if drawn and not _within_reach(points, pose[r, 0], pose[r, 1], params):
                 return False
             continue
         placed = False
         for _ in range(ROBOT_TRIES):
-            placed = _draw_robot(world, n, r, params, robots, obstacles) and (
+            placed = _draw_robot(pose, points, stream, r, params, robots, obstacles) and (
                 not params.start_in_view
-                or _all_in_view(world, n, r, robots, r, obstacles)  # the others are not placed yet
+                or _all_in_view(pose, points, r, robots, r, obstacles)  # the others are not placed yet
             )
             if placed:
                 break
         if not placed:
             return False
-    drawn = drawn or world.fixed_poses[n, 0, 0] != world.fixed_poses[n, 0, 0]
+    drawn = drawn or fixed_poses[0, 0] != fixed_poses[0, 0]
     if drawn and params.start_in_view:  # a robot placed later may hide a target from an earlier one
         for r in range(robots.shape[0]):
-            if not _all_in_view(world, n, r, robots, robots.shape[0], obstacles):
+            if not _all_in_view(pose, points, r, robots, robots.shape[0], obstacles):
                 return False
     return True
 
 
-@kernel
+@inner
 def _error(size, kind, stream):
     """An error of this size: of random sign, always positive, or Gaussian."""
     if kind == GAUSSIAN:
@@ -141,42 +136,53 @@ def _error(size, kind, stream):
     return -size if negative and kind != POSITIVE else size
 
 
-@kernel
-def _draw_guesses(world, n, params, robots, pairs):
+@inner
+def _draw_guesses(pose, points, guess_depth, guess_pose, stream, params, robots, pairs):
     """What the robots are told: true depths and relative poses with errors."""
-    stream = world.streams[n, SCENARIO]
     for r in range(robots.shape[0]):
-        cos, sin = math.cos(world.pose[n, r, 2]), math.sin(world.pose[n, r, 2])
-        for i in range(world.points.shape[1]):
-            d_x = world.points[n, i, 0] - world.pose[n, r, 0]
-            d_y = world.points[n, i, 1] - world.pose[n, r, 1]
+        cos, sin = math.cos(pose[r, 2]), math.sin(pose[r, 2])
+        for i in range(points.shape[0]):
+            d_x = points[i, 0] - pose[r, 0]
+            d_y = points[i, 1] - pose[r, 1]
             depth = cos * d_x + sin * d_y
             if depth < robots[r].near or depth <= 0.0:
                 depth = math.hypot(d_x, d_y)
             depth += _error(params.guess_depth, params.guess_kind, stream)
-            world.guess_depth[n, r, i] = max(depth, 0.3)
+            guess_depth[r, i] = max(depth, 0.3)
     for p in range(pairs.shape[0]):
         a, b = pairs[p, 0], pairs[p, 1]
         x, y, theta = relative(
-            world.pose[n, a, 0],
-            world.pose[n, a, 1],
-            world.pose[n, a, 2],
-            world.pose[n, b, 0],
-            world.pose[n, b, 1],
-            world.pose[n, b, 2],
+            pose[a, 0],
+            pose[a, 1],
+            pose[a, 2],
+            pose[b, 0],
+            pose[b, 1],
+            pose[b, 2],
         )
-        world.guess_pose[n, p, 0] = x + _error(params.guess_position, params.guess_kind, stream)
-        world.guess_pose[n, p, 1] = y + _error(params.guess_position, params.guess_kind, stream)
-        world.guess_pose[n, p, 2] = wrap_angle(theta + _error(params.guess_heading, params.guess_kind, stream))
+        guess_pose[p, 0] = x + _error(params.guess_position, params.guess_kind, stream)
+        guess_pose[p, 1] = y + _error(params.guess_position, params.guess_kind, stream)
+        guess_pose[p, 2] = wrap_angle(theta + _error(params.guess_heading, params.guess_kind, stream))
 
 
 @kernel
-def place(world, n, params, robots, obstacles, pairs):
-    """Draw an episode's start. Returns whether one was found that meets the conditions."""
+def place(pose, points, fixed_poses, fixed_points, guess_depth, guess_pose, stream, params, robots, obstacles, pairs):
+    """Draw an episode's start.
+
+    Args:
+        pose, points, guess_depth, guess_pose: of `World`, of one environment; written.
+        fixed_poses, fixed_points: of `World`, of one environment.
+        stream: uint64 (2,) to draw from.
+        params, robots: records.
+        obstacles: (O, 7), see `kernels.world`.
+        pairs: (P, 2) ordered pairs.
+
+    Returns:
+        Whether a start was found that meets the conditions.
+    """
     found = False
     for _ in range(TRIES):
-        if _try_place(world, n, params, robots, obstacles):
+        if _try_place(pose, points, fixed_poses, fixed_points, stream, params, robots, obstacles):
             found = True
             break
-    _draw_guesses(world, n, params, robots, pairs)
+    _draw_guesses(pose, points, guess_depth, guess_pose, stream, params, robots, pairs)
     return found

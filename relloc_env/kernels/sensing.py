@@ -1,6 +1,6 @@
 """What a robot measures in one sample: image points, odometry; and which messages reach it. In lanes (`kernels.lanes`).
 
-`in_view` is the same for one robot and target of `World`, for the drawing of starts.
+`in_view` is the same for one robot and target, for the drawing of starts.
 """
 
 import math
@@ -8,7 +8,7 @@ import math
 import numpy as np
 
 from relloc_env.kernels import driving as dr
-from relloc_env.kernels._compile import inlined, inner, kernel
+from relloc_env.kernels._compile import inlined, inner
 from relloc_env.kernels.camera import crosses_box, crosses_disc, view
 from relloc_env.kernels.elementary import sin_cos
 from relloc_env.kernels.lanes import W
@@ -55,18 +55,18 @@ def _hides_box(x, y, z, p_x, p_y, p_z, c_x, c_y, half_x, half_y, cos, sin, heigh
     return (at >= 0.0) & (a_z + at * (b_z - a_z) < height)
 
 
-@kernel
-def in_view(world, n, r, i, robots, others, obstacles):
-    """Whether robot r of environment n sees target i past the robots before `others` and the obstacles (O, 7)."""
-    x, y, height = world.pose[n, r, 0], world.pose[n, r, 1], robots[r].mount_height
-    p_x, p_y, p_z = world.points[n, i, 0], world.points[n, i, 1], world.points[n, i, 2]
-    sin, cos = sin_cos(world.pose[n, r, 2])
+@inner
+def in_view(pose, points, r, i, robots, others, obstacles):
+    """Whether robot r sees target i past the robots before `others` and obstacles; shapes (R, 3), (M, 3), (O, 7)."""
+    x, y, height = pose[r, 0], pose[r, 1], robots[r].mount_height
+    p_x, p_y, p_z = points[i, 0], points[i, 1], points[i, 2]
+    sin, cos = sin_cos(pose[r, 2])
     z, image_x, image_y = view(x, y, cos, sin, height, p_x, p_y, p_z)
     c = robots[r]
     if not _inside(z, image_x, image_y, c.near, c.far, c.x_min, c.x_max, c.y_min, c.y_max):
         return False
     for k in range(others):
-        c_x, c_y = world.pose[n, k, 0], world.pose[n, k, 1]
+        c_x, c_y = pose[k, 0], pose[k, 1]
         if k != r and _hides_disc(x, y, height, p_x, p_y, p_z, c_x, c_y, robots[k].radius, robots[k].height):
             return False
     for o in range(obstacles.shape[0]):

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from relloc_env.kernels._compile import inlined, kernel
+from relloc_env.kernels._compile import inlined, inner, kernel
 from relloc_env.kernels.motion import sinc, wrap_angle
 
 DISC, BOX = 0.0, 1.0
@@ -109,31 +109,31 @@ def clearance(x, y, half_x, half_y, obstacles):
     return least
 
 
-@kernel
-def settle_contact(world, n, params, robots, obstacles):
+@inner
+def settle_contact(pose, pending, velocity, contact, collided, n, params, robots, obstacles):
     """The pending poses, as the contact solver left them, become the poses; velocities follow from the displacement.
 
     The mean velocity over the sample is the one whose exact arc leads from the old pose to the new one.
     """
     dt = params.dt
     for r in range(robots.shape[0]):
-        turn = wrap_angle(world.pending[n, r, 2] - world.pose[n, r, 2])
-        heading = world.pose[n, r, 2] + 0.5 * turn
+        turn = wrap_angle(pending[n, r, 2] - pose[n, r, 2])
+        heading = pose[n, r, 2] + 0.5 * turn
         cos, sin = math.cos(heading), math.sin(heading)
-        d_x = world.pending[n, r, 0] - world.pose[n, r, 0]
-        d_y = world.pending[n, r, 1] - world.pose[n, r, 1]
+        d_x = pending[n, r, 0] - pose[n, r, 0]
+        d_y = pending[n, r, 1] - pose[n, r, 1]
         scale = 1.0 / (dt * sinc(0.5 * turn))
-        world.velocity[n, r, 0] = scale * (cos * d_x + sin * d_y)
-        world.velocity[n, r, 1] = scale * (cos * d_y - sin * d_x)
-        world.velocity[n, r, 2] = turn / dt
+        velocity[n, r, 0] = scale * (cos * d_x + sin * d_y)
+        velocity[n, r, 1] = scale * (cos * d_y - sin * d_x)
+        velocity[n, r, 2] = turn / dt
         for k in range(3):
-            world.pose[n, r, k] = world.pending[n, r, k]
+            pose[n, r, k] = pending[n, r, k]
     for r in range(robots.shape[0]):
-        x, y = world.pose[n, r, 0], world.pose[n, r, 1]
+        x, y = pose[n, r, 0], pose[n, r, 1]
         gap = clearance(x, y, params.half_x, params.half_y, obstacles) - robots[r].radius
         for other in range(robots.shape[0]):
             if other != r:
-                distance = math.hypot(x - world.pose[n, other, 0], y - world.pose[n, other, 1])
+                distance = math.hypot(x - pose[n, other, 0], y - pose[n, other, 1])
                 gap = min(gap, distance - robots[r].radius - robots[other].radius)
-        world.contact[n, r] = gap < NEAR_CONTACT
-        world.collided[n, r] |= gap < NEAR_CONTACT
+        contact[n, r] = gap < NEAR_CONTACT
+        collided[n, r] |= gap < NEAR_CONTACT
