@@ -104,6 +104,7 @@ def test_actions_are_smooth_within_bounds_and_never_jump():
     assert kept == pytest.approx(np.exp(-1.0 / ours.STEADY), abs=0.01)
 
 
+@pytest.mark.filterwarnings("ignore")  # theirs to mend
 @pytest.mark.parametrize("contender", [c for c in CONTENDERS.values() if c.package not in ("relloc-env", "gymnasium")])
 def test_peers_step(contender):
     if importlib.util.find_spec(contender.package) is None:
