@@ -51,7 +51,7 @@ CONTENDERS = {
         Contender("everything", ours.everything, _OURS, "everything on, vector environment"),
         Contender("everything-1", ours.everything, _OURS, "everything on, vector environment", _BATCH, 1),
         Contender("with-info", ours.with_info, _OURS, "everything on, the truth in info as well", _BATCH),
-        Contender("perfect-network", ours.perfect_network, _OURS, "everything on, a perfect network", _BATCH),
+        Contender("lossy-network", ours.lossy_network, _OURS, "everything on, messages late and lost", _BATCH),
         Contender("crowded", ours.crowded, _OURS, "everything on, ten times the contacts", _BATCH),
         Contender("default", ours.default, _OURS, "default task, five samples an action", _BATCH, samples=5),
         Contender("cascade-critical", ours.critical, _OURS, "everything on, cascade-critical", _BATCH),

@@ -1,7 +1,8 @@
 """This project's environments as contenders, driven with smooth random actions made in advance.
 
-"Everything on": two robots with noisy odometry and cameras that see two points or lose them, contacts, a network with
-delay and loss, the paper's cascade, the excitation reward, observations, autoreset; one sample per action.
+"Everything on": two robots with noisy odometry and cameras that see two points or lose them, contacts, a network that
+carries every robot's message to the other in each sample, the paper's cascade, the excitation reward, observations,
+autoreset; one sample per action.
 """
 
 from collections.abc import Mapping
@@ -20,7 +21,6 @@ EVERYTHING: dict[str, Any] = {
     "reward": {"excitation": 1.0},
     "samples_per_action": 1,
     "max_cycles": HORIZON,
-    "network": {"latency": 0.1, "loss": 0.1},
     "shield": None,  # or else nothing would ever touch
     "arena": (10.0, 10.0),
     "start": {"margin": 1.0},
@@ -114,9 +114,9 @@ def with_info(num_envs: int) -> Drive:
     return Batch(EVERYTHING, num_envs, {})
 
 
-def perfect_network(num_envs: int) -> Drive:
-    """Everything on, but every message arrives at once."""
-    return Batch({**EVERYTHING, "network": {}}, num_envs)
+def lossy_network(num_envs: int) -> Drive:
+    """Everything on, messages 0.1 s late and one in ten lost."""
+    return Batch({**EVERYTHING, "network": {"latency": 0.1, "loss": 0.1}}, num_envs)
 
 
 def crowded(num_envs: int) -> Drive:

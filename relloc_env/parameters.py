@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from relloc_env.config import BoxConfig, DiscConfig, EnvConfig
-from relloc_env.kernels.lanes import W
+from relloc_env.kernels.lanes import width_of
 from relloc_env.kernels.placement import FIXED, GAUSSIAN, POSITIVE
 from relloc_env.kernels.world import BOX, DISC
 from relloc_env.samples import Float
@@ -38,7 +38,7 @@ ROBOT = np.dtype(
 """Numbers of one robot and its camera that kernels read."""
 
 
-def pack_parameters(config: EnvConfig) -> NDArray[np.void]:
+def pack_parameters(config: EnvConfig, num_envs: int = 1) -> NDArray[np.void]:
     """Return the (1,) record of `PARAMETERS` for a configuration."""
     row = np.zeros(1, PARAMETERS)
     rate = config.network.rate
@@ -70,7 +70,7 @@ def pack_parameters(config: EnvConfig) -> NDArray[np.void]:
         "message_every": 1 if rate is None else max(1, math.ceil(config.sample_rate / rate - 1e-9)),
         "start_in_view": start.in_view,
         "guess_kind": {"fixed": FIXED, "positive": POSITIVE, "gaussian": GAUSSIAN}[guess.kind],
-        "width": W,
+        "width": width_of(num_envs),
         "perfect_network": config.network.perfect,
         "actuator_noise": any(max(robot.actuator_noise) > 0.0 for robot in robots),
         "image_noise": any(camera.pixel_noise > 0.0 for camera in cameras),

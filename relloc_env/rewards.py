@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from relloc_env.config import REWARD_TERMS, EnvConfig
+from relloc_env.ends import end_action
 from relloc_env.kernels._compile import inner, kernel
 from relloc_env.kernels.bound import bound_measure, bound_move, bound_reset
 from relloc_env.kernels.camera import view
@@ -251,21 +252,25 @@ def _pose_error(t, a, b, s, width):
 
 @kernel
 def score_action(
-    terms, depth_error, pose_error, reward, points, collided, blocked, seen, true_pose, true_velocity,
-    e_points, e_known, e_pose, heights, actions, weights_, params_, pairs, rows, started,
+    terms, depth_error, pose_error, reward, last_action, points, collided, blocked, seen, true_pose, true_velocity,
+    e_points, e_known, e_pose, heights, joint_reward, worst_sd, elapsed, terminated, truncated,
+    actions, weights_, ends, params_, pairs, rows, started,
 ):  # fmt: skip
-    """Score one action by the truth: errors, every term but those of the bound, and the reward of each robot.
+    """Score one action by the truth: errors, every term but those of the bound, rewards, and which episodes are over.
 
     Args:
         terms, depth_error, pose_error: of `Score`, written.
         reward: (N, R) written.
+        last_action: [-] (N, R, 2) written: `actions`, clipped to [-1, 1].
         points, collided, blocked: of `World`.
         seen: of `Samples`.
         true_pose, true_velocity: of `Truth`, of the same samples.
         e_points, e_known, e_pose: of `Estimate`.
         heights: [m] (R,) of the cameras.
+        joint_reward, worst_sd, elapsed, terminated, truncated: as for `ends.end_action`.
         actions: [-] (N, R, 2) what was done.
         weights_: (T,) weight of each term.
+        ends: `ends.pack_ends`.
         params_: record.
         pairs: (P, 2) ordered pairs.
         rows: environments that moved.
@@ -281,7 +286,7 @@ def score_action(
         _load(t, at, sights, others, points, e_points, e_known, e_pose, rows, begin, end)
         for k in range(block):
             for j in range(begin, end):
-                n, i = rows[j], j - begin
+                n, i = np.uint64(rows[j]), j - begin
                 for r in range(robots):
                     place = r * _ROBOT * W + i
                     for d in range(3):
@@ -301,7 +306,7 @@ def score_action(
             a, b = pairs[p, 0] * _ROBOT * W, pairs[p, 1] * _ROBOT * W
             _pose_error(t, a, b, others + p * _PAIR * W, width)
         for j in range(begin, end):
-            n, i = rows[j], j - begin
+            n, i = np.uint64(rows[j]), j - begin
             for r in range(robots):
                 for m in range(count):
                     depth_error[n, r, m] = t[sights + (r * count + m) * _SIGHT * W + _ERROR + i]
@@ -312,11 +317,14 @@ def score_action(
                 terms[n] = 0.0
                 continue
             for r in range(robots):
-                _terms(t, sights, terms, pose_error, collided, blocked, seen, actions, pairs, n, r, i)
+                for d in range(2):
+                    last_action[n, r, d] = min(max(actions[n, r, d], -1.0), 1.0)
+                _terms(t, sights, terms, pose_error, collided, blocked, seen, last_action, pairs, n, r, i)
                 total = 0.0
                 for d in range(weights_.shape[0]):
                     total += weights_[d] * terms[n, r, d]
                 reward[n, r] = total
+            end_action(reward, joint_reward, collided, worst_sd, elapsed, ends, terminated, truncated, n)
 
 
 @inner
@@ -324,7 +332,7 @@ def _load(t, at, sights, others, points, e_points, e_known, e_pose, rows, begin,
     """Put points and estimates into lanes."""
     robots, count = e_known.shape[1], points.shape[1]
     for j in range(begin, end):
-        n, i = rows[j], j - begin
+        n, i = np.uint64(rows[j]), j - begin
         for m in range(count):
             for d in range(3):
                 t[at + (3 * m + d) * W + i] = points[n, m, d]

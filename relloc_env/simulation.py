@@ -38,7 +38,8 @@ def _begin(
     params, targets, count, none = params_[0], points.shape[1], 0, np.int64(0)
     sights = (robots.shape[0] * dr.ROBOT + 3 * targets) * W
     t = np.zeros(sights + robots.shape[0] * targets * se.SIGHT * W)
-    for n in rows:
+    for row in rows:
+        n = np.uint64(row)  # an index without a sign needs no test whether it counts from the end
         if not place(
             pose[n], points[n], fixed_poses[n], fixed_points[n], guess_depth[n], guess_pose[n], streams[n, SCENARIO],
             params, robots, obstacles, pairs,
@@ -125,7 +126,7 @@ def _advance(
     for begin in range(0, rows.shape[0], W):
         lanes = min(W, rows.shape[0] - begin)
         for lane in range(lanes):
-            n = rows[begin + lane]
+            n = np.uint64(rows[begin + lane])
             live[lane] = True
             if not resumed:
                 _take_up(actions, n, robots, command, collided, blocked, position)
@@ -142,7 +143,7 @@ def _advance(
                 dr.drive(t, robots.shape[0] * dr.ROBOT * W, targets, params, robots, obstacles, params.width)
                 for lane in range(lanes):
                     if live[lane] and _touches(t, lane, robots.shape[0]):
-                        n = rows[begin + lane]
+                        n = np.uint64(rows[begin + lane])
                         _leave(t, lane, n, wheels, blocked, pending)
                         waiting[count] = n
                         count += 1
@@ -151,7 +152,7 @@ def _advance(
                 dr.settle(t, robots.shape[0], params.width)
             for lane in range(lanes):
                 if live[lane]:
-                    n = rows[begin + lane]
+                    n = np.uint64(rows[begin + lane])
                     se.draw(t, lane, streams, n, sights, targets, params, robots.shape[0])
                     if not moved:
                         _settle(t, lane, n, pose, velocity, contact)
@@ -159,7 +160,7 @@ def _advance(
             _look(t, sights, targets, robots, obstacles, params.width)
             for lane in range(lanes):
                 if live[lane]:
-                    n = rows[begin + lane]
+                    n = np.uint64(rows[begin + lane])
                     k = position[n]
                     tick[n] += 1
                     position[n] = k + 1
@@ -275,7 +276,7 @@ class Simulation:
         self.config, self.num_envs = config, n
         self.pairs = ordered_pairs(r)
         p, window = len(self.pairs), config.message_window
-        self.parameters, self.robots = pack_parameters(config), pack_robots(config)
+        self.parameters, self.robots = pack_parameters(config, n), pack_robots(config)
         self.obstacles = pack_obstacles(config.obstacles)
         self.world = World(
             pose=np.zeros((n, r, 3)),
@@ -301,6 +302,7 @@ class Simulation:
         self.first, self.first_truth = _blocks(n, 1, r, m, p)
         self.fix(np.arange(n), {})
         self._solvers: list[ContactSolver | None] = [None] * threads
+        self._constants = (self.parameters, self.robots, self.obstacles, self.pairs)
         self._arrays = (*(getattr(self.world, name) for name in _MOVED), *self.samples, *self.truth)
         self._begun = (*(getattr(self.world, name) for name in _MOVED + _DRAWN), *self.first, *self.first_truth)
         self.seed(np.arange(n), [int(seed) for seed in np.random.SeedSequence().generate_state(n, np.uint64)])
@@ -371,10 +373,7 @@ class Simulation:
         """
         waiting, resumed, world = np.empty(len(rows), np.int64), False, self.world
         while True:
-            count = _advance(
-                actions, self.parameters, self.robots, self.obstacles, self.pairs, rows, waiting, resumed,
-                *self._arrays,
-            )  # fmt: skip
+            count = _advance(actions, *self._constants, rows, waiting, resumed, *self._arrays)
             if count == 0:
                 return
             rows, resumed = waiting[:count].copy(), True

@@ -13,7 +13,7 @@ from relloc_env.envs.core import ROBOT_NAMES
 from relloc_env.envs.observation import observe, slices
 from relloc_env.envs.onboard import Onboard
 from relloc_env.envs.spaces import joint_slices, joint_space
-from relloc_env.kernels.lanes import W
+from relloc_env.kernels.lanes import width_of
 from relloc_env.logs.episode import LogWriter
 from relloc_env.samples import Estimate, Float32, Prior, copy_sample, empty_samples
 
@@ -109,7 +109,7 @@ class EstimateObservation(gym.Wrapper[Any, Any, Any, Any]):
         observe(
             self._lines, *self._samples, estimate.pose, estimate.pose_covariance,
             memory.tick, memory.outbox, memory.inbox, memory.inbox_tick, none, zero, onboard.pairs,
-            np.zeros((1, robots, 2)), np.array([0 if started else 1]), self._limits, _ROW, False, W,
+            np.zeros((1, robots, 2)), np.array([0 if started else 1]), self._limits, _ROW, False, width_of(1),
         )  # fmt: skip
         bare = observation.reshape(robots, -1)
         for name in self._common:

@@ -8,16 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from relloc_env.config import ConfigError, EnvConfig
-from relloc_env.envs.ends import begin_action, end_action, pack_ends
+from relloc_env.ends import pack_ends
 from relloc_env.envs.information import Information
 from relloc_env.envs.observation import Field, bounds, fields, observe, slices
 from relloc_env.envs.onboard import Onboard
 from relloc_env.envs.threads import LEAST, check_threads, parts, run
 from relloc_env.estimators.protocol import Estimator
-from relloc_env.kernels.lanes import W
-from relloc_env.kernels.world import Truth
+from relloc_env.kernels.lanes import width_of
 from relloc_env.rewards import BOUND_FIELDS, carry_bound, make_score, pack_known, score_action, start_bound, weights
-from relloc_env.samples import Bool, Float, Float32, Rows, Samples, copy_sample
+from relloc_env.samples import Bool, Float, Float32, Rows, copy_sample
 from relloc_env.simulation import Simulation
 
 ROBOT_NAMES = ("robot_a", "robot_b")
@@ -66,14 +65,11 @@ class Core:
         self.last_action: Float = np.zeros((n, r, 2))
         self.elapsed: NDArray[np.int64] = np.zeros(n, np.int64)
         self._weights = weights(config)
-        known = pack_known(config)
-        self._known, self._heights, self._tracks_bound = known, known.camera_heights, config.tracks_bound
+        self._known, self._tracks_bound = pack_known(config), config.tracks_bound
         self._ends = pack_ends(config)
         self._limits = np.array([config.max_cycles, config.sample_period])
-        world, simulation = self.simulation.world, self.simulation
-        self._bound = self.score[:BOUND_FIELDS]
-        self._sight = (world.pose, world.points, simulation.truth.pose, simulation.truth.visible)
-        self._first_sight = (world.pose, world.points, simulation.first_truth.pose, simulation.first_truth.visible)
+        self._width = width_of(n)
+        self._hand_over()
         self.information = Information(self)
 
     @property
@@ -103,13 +99,16 @@ class Core:
         self.onboard.reset(simulation.prior, simulation.first, rows)
         if self._tracks_bound:
             start_bound(*self._bound, *self._first_sight, *self._known, rows)
-        self._score(simulation.first, simulation.first_truth, rows, started=True)
+        score_action(*self._scored_first, self.last_action, *self._scored_by, rows, True)
         copy_sample(simulation.first, 0, simulation.samples, -1, rows)
         self._observe(rows)
 
     def step(self, actions: NDArray[np.float64], rows: Rows) -> None:
         """Hold `actions` (N, R, 2) in [-1, 1] for one action in the environments `rows`."""
-        run(functools.partial(self._step, actions), self._parts(rows))
+        if self.threads == 1:
+            self._step(actions, rows, 0)
+        else:
+            run(functools.partial(self._step, actions), self._parts(rows))
 
     def _parts(self, rows: Rows) -> list[Rows]:
         """What each thread works on."""
@@ -118,7 +117,6 @@ class Core:
     def _step(self, actions: NDArray[np.float64], rows: Rows, part: int) -> None:
         """Step one part of the batch."""
         simulation = self.simulation
-        begin_action(actions, self.last_action, self.elapsed, rows)
         simulation.step(actions, rows, part)
         self.onboard.update(simulation.samples, rows)
         if self._tracks_bound:
@@ -126,29 +124,35 @@ class Core:
                 *self._bound, *self._sight, *self._known, rows, self.score.terms, simulation.truth.velocity,
                 self.config.sample_period,
             )  # fmt: skip
-        self._score(simulation.samples, simulation.truth, rows, started=False)
-        end_action(
-            self.reward, self.joint_reward, simulation.world.collided, self.score.worst_sd, self.elapsed, self._ends,
-            self.terminated, self.truncated, rows,
-        )  # fmt: skip
+        score_action(*self._scored, actions, *self._scored_by, rows, False)
         self._observe(rows)
 
-    def _score(self, samples: Samples, truth: Truth, rows: Rows, *, started: bool) -> None:
-        """Score what happened in `samples`."""
-        score, world, estimate, simulation = self.score, self.simulation.world, self.onboard.estimate, self.simulation
-        score_action(
-            score.terms, score.depth_error, score.pose_error, self.reward, world.points, world.collided, world.blocked,
-            samples.seen, truth.pose, truth.velocity, estimate.points, estimate.known, estimate.pose, self._heights,
-            self.last_action, self._weights, simulation.parameters, simulation.pairs, rows, started,
-        )  # fmt: skip
-
     def _observe(self, rows: Rows) -> None:
-        world, onboard = self.simulation.world, self.onboard
-        estimate, memory = onboard.estimate, onboard.memory
-        observe(
-            self.observation, *self.simulation.samples, estimate.pose, estimate.pose_covariance,
+        observe(self.observation, *self._observed, rows, self.bare, self._width)
+
+    def _hand_over(self) -> None:
+        """Put together once what kernels are given at every step: live arrays."""
+        simulation, world, score = self.simulation, self.simulation.world, self.score
+        estimate, memory = self.onboard.estimate, self.onboard.memory
+        self._bound = score[:BOUND_FIELDS]
+        self._sight = (world.pose, world.points, simulation.truth.pose, simulation.truth.visible)
+        self._first_sight = (world.pose, world.points, simulation.first_truth.pose, simulation.first_truth.visible)
+        written = (score.terms, score.depth_error, score.pose_error, self.reward, self.last_action)
+        truth = (world.points, world.collided, world.blocked)
+        believed = (estimate.points, estimate.known, estimate.pose, self._known.camera_heights)
+        ended = (self.joint_reward, score.worst_sd, self.elapsed, self.terminated, self.truncated)
+        self._scored, self._scored_first = (
+            (*written, *truth, samples.seen, happened.pose, happened.velocity, *believed, *ended)
+            for samples, happened in (
+                (simulation.samples, simulation.truth),
+                (simulation.first, simulation.first_truth),
+            )
+        )
+        self._scored_by = (self._weights, self._ends, simulation.parameters, simulation.pairs)
+        self._observed = (
+            *simulation.samples, estimate.pose, estimate.pose_covariance,
             memory.tick, memory.outbox, memory.inbox, memory.inbox_tick, world.collided, world.blocked,
-            onboard.pairs, self.last_action, self.elapsed, self._limits, rows, self.bare, W,
+            simulation.pairs, self.last_action, self.elapsed, self._limits,
         )  # fmt: skip
 
     def states(self) -> Float32:

@@ -111,6 +111,16 @@ def check_actions(name: str, action: Any, out: Float) -> None:
         raise ValueError(f"Argument `{name}` must be finite, but is {array[n].tolist()} in row {n}")
 
 
+def take_action(action: Any, out: Float, agent: str) -> None:
+    """`check_actions` of one robot, quick where all is well."""
+    if isinstance(action, np.ndarray) and action.shape == (2,) and action.dtype.kind == "f":
+        v, w = action.tolist()
+        if math.isfinite(v + w):
+            out[0], out[1] = v, w
+            return
+    check_actions(f"actions[{agent!r}]", action, out)
+
+
 def _numbers(name: str, action: Any, shape: tuple[int, ...]) -> Float:
     try:
         return np.asarray(action, np.float64)

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from relloc_env.config import ConfigError, hint
-from relloc_env.envs.ends import mean_terms
+from relloc_env.ends import mean_terms
 from relloc_env.rewards import TERMS
 from relloc_env.samples import Bool, Rows
 
@@ -93,7 +93,12 @@ class Information:
         common = self._at(n, new)
         if not self._with_reward:
             return [common.copy() for _ in range(self._robots)]
-        return [dict(zip(_TERMS, line, strict=True)) | common for line in self._score.terms[n].tolist()]
+        infos = []
+        for line in self._score.terms[n].tolist():
+            info = dict(zip(_TERMS, line, strict=True))
+            info.update(common)
+            infos.append(info)
+        return infos
 
     def batch(self, rows: Rows | None = None, new: Rows | None = None) -> dict[str, Any]:
         """`info` of many environments, as Gymnasium's vector environments give it: arrays, N first, and masks.

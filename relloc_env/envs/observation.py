@@ -141,7 +141,8 @@ def observe(
     own = 3 + MOTION + 2
     told = own + (block * (4 + 3 * count) if bare else size)
     rest = told + others * (1 + MOTION + size)
-    for n in rows:
+    for row in rows:
+        n = np.uint64(row)  # an index without a sign needs no test whether it counts from the end
         shown = 1 if elapsed[n] == 0 else block  # after a reset one sample was taken: it stands last
         slot = ticks[n] % window if window > 1 else 0
         for r in range(robots):
@@ -180,14 +181,14 @@ def _poses(out, at, others, pose, covariance, pairs, rows, width):
         for p in range(pairs.shape[0]):
             r, o = pairs[p, 0], pairs[p, 1] - (1 if pairs[p, 1] > pairs[p, 0] else 0)
             for j in range(begin, end):
-                n, i, c = rows[j], j - begin, _COVARIANCE + j - begin
+                n, i, c = np.uint64(rows[j]), j - begin, _COVARIANCE + j - begin
                 t[_THETA + i] = pose[n, p, 2]
                 t[c], t[c + W], t[c + 2 * W] = covariance[n, p, 0, 0], covariance[n, p, 0, 1], covariance[n, p, 0, 2]
                 t[c + 3 * W], t[c + 4 * W] = covariance[n, p, 1, 1], covariance[n, p, 1, 2]
                 t[c + 5 * W] = covariance[n, p, 2, 2]
             _pose(t, width)
             for j in range(begin, end):
-                n, i = rows[j], j - begin
+                n, i = np.uint64(rows[j]), j - begin
                 out[n, r, at + 4 * o] = bounded(pose[n, p, 0], FAR)
                 out[n, r, at + 4 * o + 1] = bounded(pose[n, p, 1], FAR)
                 out[n, r, at + 4 * o + 2] = t[_SIN + i]

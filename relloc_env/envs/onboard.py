@@ -14,7 +14,7 @@ from relloc_env.estimators.protocol import Estimator
 from relloc_env.estimators.registry import make
 from relloc_env.kernels._compile import inlined, inner, kernel
 from relloc_env.kernels.elementary import log, sin_cos
-from relloc_env.kernels.lanes import W
+from relloc_env.kernels.lanes import W, width_of
 from relloc_env.kernels.motion import advance, wrap_angle
 from relloc_env.samples import Bool, Estimate, Prior, Rows, Samples, copy_sample, empty_samples, ordered_pairs
 
@@ -119,7 +119,7 @@ def _tell(
     for begin in range(0, rows.shape[0], W):
         end = min(begin + W, rows.shape[0])
         for j in range(begin, end):
-            n = rows[j]
+            n = np.uint64(rows[j])
             if first:
                 inbox_tick[n] = -1
                 inbox[n] = 0.0
@@ -130,15 +130,15 @@ def _tell(
         for r in range(robots):
             for j in range(begin, end):
                 for k in range(3):
-                    t[_POSE + k * W + j - begin] = reckoned[rows[j], r, k]
+                    t[_POSE + k * W + j - begin] = reckoned[np.uint64(rows[j]), r, k]
             for k in range(block):
                 for j in range(begin, end):
                     for d in range(3):
-                        t[_VELOCITY + d * W + j - begin] = odometry[rows[j], k, r, d]
+                        t[_VELOCITY + d * W + j - begin] = odometry[np.uint64(rows[j]), k, r, d]
                 _reckon(t, period[rows[begin], k], width)
             _face(t, width)
             for j in range(begin, end):
-                n, i = rows[j], j - begin
+                n, i = np.uint64(rows[j]), j - begin
                 for k in range(3):
                     reckoned[n, r, k] = t[_POSE + k * W + i]
                 slot, at = slots[i], count * size
@@ -148,7 +148,7 @@ def _tell(
                 outbox[n, r, slot, at + 3] = t[_COS + i]
             for m in range(count):
                 for j in range(begin, end):
-                    n, i = rows[j], j - begin
+                    n, i = np.uint64(rows[j]), j - begin
                     t[_SEEN + i] = 1.0 if seen[n, last, r, m] else 0.0
                     t[_IMAGE_X + i], t[_IMAGE_Y + i] = image[n, last, r, m, 0], image[n, last, r, m, 1]
                     t[_BEARING + i], t[_ELEVATION + i] = points[n, r, m, 0], points[n, r, m, 1]
@@ -156,11 +156,11 @@ def _tell(
                     t[_KNOWN + i] = 1.0 if known[n, r, m] else 0.0
                 _point(t, width)
                 for j in range(begin, end):
-                    n, slot = rows[j], slots[j - begin]
+                    n, slot = np.uint64(rows[j]), slots[j - begin]
                     for k in range(size):
                         outbox[n, r, slot, m * size + k] = t[_TOLD + k * W + j - begin]
         for j in range(begin, end):
-            n = rows[j]
+            n = np.uint64(rows[j])
             tick = ticks[n]
             for p in range(pairs.shape[0]):
                 for age in range(min(window, tick + 1)):
@@ -198,6 +198,8 @@ class Onboard:
             inbox=np.zeros((n, p, told), np.float32),
             inbox_tick=np.full((n, p), -1, np.int64),
         )
+        self._told = (self.estimate.points, self.estimate.points_covariance, self.estimate.known, self.pairs)
+        self._width = width_of(n)
         self._single: Samples | None = None
         if not config.network.perfect:
             self._single = empty_samples(n, 1, r, m, p)
@@ -227,8 +229,7 @@ class Onboard:
         self._tell(samples, rows, first=False)
 
     def _tell(self, samples: Samples, rows: Rows, *, first: bool) -> None:
-        e = self.estimate
-        _tell(*self.memory, *samples, e.points, e.points_covariance, e.known, self.pairs, rows, first, self.bare, W)
+        _tell(*self.memory, *samples, *self._told, rows, first, self.bare, self._width)
 
     def get_state(self, rows: Rows) -> dict[str, Any]:
         """Copies of everything that is remembered of the environments `rows`."""

@@ -12,13 +12,13 @@ from pettingzoo import ParallelEnv
 from relloc_env.config import EnvConfig
 from relloc_env.envs.core import ROBOT_NAMES
 from relloc_env.envs.door import (
-    check_actions,
     check_options,
     check_render_mode,
     check_state,
     frames_per_second,
     open_core,
     state_space,
+    take_action,
 )
 from relloc_env.envs.picture import Picture
 from relloc_env.envs.spaces import robot_form, robot_space
@@ -63,6 +63,7 @@ class RellocParallelEnv(ParallelEnv[str, Any, Any]):
         self._form = robot_form(self.core.config)
         self._names = set(self.possible_agents)
         self._actions = np.zeros((1, self.core.config.robots, 2))
+        self._lines = list(self._actions[0])
 
     @property
     def config(self) -> EnvConfig:
@@ -111,8 +112,8 @@ class RellocParallelEnv(ParallelEnv[str, Any, Any]):
         if not isinstance(actions, Mapping) or actions.keys() != self._names:
             given = sorted(map(str, actions)) if isinstance(actions, Mapping) else type(actions).__name__
             raise ValueError(f"Argument `actions` must have one action for each of {agents}, but has {given}")
-        for r, agent in enumerate(agents):
-            check_actions(f"actions[{agent!r}]", actions[agent], self._actions[0, r])
+        for agent, line in zip(agents, self._lines, strict=True):
+            take_action(actions[agent], line, agent)
         core.step(self._actions, _ROW)
         terminated, truncated = core.terminated.item(0), core.truncated.item(0)
         result = (
@@ -128,8 +129,8 @@ class RellocParallelEnv(ParallelEnv[str, Any, Any]):
         return result
 
     def _observations(self) -> dict[str, Any]:
-        block = self.core.observation[0].copy()
-        return {agent: self._form(line) for agent, line in zip(self.agents, block, strict=True)}
+        form = self._form
+        return {agent: form(line.copy()) for agent, line in zip(self.agents, self.core.observation[0], strict=True)}
 
     def _infos(self, *, new: bool = False) -> dict[str, dict[str, Any]]:
         return dict(zip(self.agents, self.core.information.each(0, new=new), strict=True))

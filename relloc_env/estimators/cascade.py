@@ -72,6 +72,10 @@ class Cascade:
             pose=np.zeros((n, pairs, 3)),
             pose_covariance=np.zeros((n, pairs, 3, 3)),
         )
+        self._updated = (
+            self._pairs, self._options, self._settings, self._gains,
+            self._sizes, self._sample, self._table, self._received, self._ring, *self._estimate,
+        )  # fmt: skip
         self._checked: Samples | None = None
 
     @property
@@ -100,10 +104,7 @@ class Cascade:
         if samples is not self._checked:
             check_samples(samples, *self._estimate.known.shape)
             self._checked = samples
-        status = kernels.update(
-            *samples, self._pairs, self._options, self._settings, self._gains,
-            self._sizes, self._sample, self._table, self._received, self._ring, *self._estimate, rows,
-        )  # fmt: skip
+        status = kernels.update(*samples, *self._updated, rows)
         if status:
             self._raise(status)
 

@@ -15,13 +15,15 @@ from relloc_env.kernels import pose_filter as pf
 from relloc_env.kernels._compile import inlined, inner, kernel
 from relloc_env.kernels.depth_covariance import body_to_polar
 from relloc_env.kernels.elementary import atan2
-from relloc_env.kernels.lanes import W, copy
+from relloc_env.kernels.lanes import W, copy, width_of
 
 OK, ROW_OUT_OF_RANGE, MESSAGE_TOO_OLD, NOT_RESET = 0, 1, 2, 3
 
 _POLAR = an.WORKSPACE * W
 """Place of a point in polar form (3) and its covariance (6)."""
 _WORKSPACE = an.WORKSPACE + 9
+_PLANE = 2
+"""Count of the coordinates in the plane."""
 _NOW = ds.TIME // W
 """Count of the numbers of a point that are about now."""
 
@@ -38,7 +40,7 @@ class Shape(NamedTuple):
     use_unseen: int
     """Whether remembered points take part in the pose update."""
     width: int
-    """Lanes of a block."""
+    """Lanes to work on."""
     guess: int
     """R M numbers: depth guesses [m]."""
     depth_sd: int
@@ -61,7 +63,7 @@ def shape(robots: int, points: int, pairs: int, num_envs: int, ring: int, use_un
     for numbers in (robots * points, 1, an.CLOCK, robots * an.MOTION, robots * points * ds.SIZE):
         places.append(places[-1] + numbers * W)
     size = places[-1] // W + (0 if ring else pairs * an.ANCHOR)
-    return Shape(robots, points, pairs, num_envs, ring, int(use_unseen), W, *places, size)
+    return Shape(robots, points, pairs, num_envs, ring, int(use_unseen), width_of(num_envs), *places, size)
 
 
 @inner
@@ -215,8 +217,7 @@ def _tick(t, b, s, period, k, sample, rows, begin, end):
 def _sense(t, b, s, o, settings, gains, odometry, image, seen, k, r, whole, rows, begin, end):
     """Dead reckoning and depth observers of one robot over one sample."""
     for j in range(begin, end):
-        e = rows[j]
-        lane = e % W
+        e, lane = np.uint64(rows[j]), rows[j] % W
         t[ds.V + lane], t[ds.LATERAL + lane] = odometry[e, k, r, 0], odometry[e, k, r, 1]
         t[ds.YAW_RATE + lane] = odometry[e, k, r, 2]
         t[ds.GAIN_H + lane], t[ds.GAIN_ALPHA + lane] = gains[e, r, 0], gains[e, r, 1]
@@ -227,8 +228,7 @@ def _sense(t, b, s, o, settings, gains, odometry, image, seen, k, r, whole, rows
     for m in range(s.points):
         point = r * s.points + m
         for j in range(begin, end):
-            e = rows[j]
-            lane = e % W
+            e, lane = np.uint64(rows[j]), rows[j] % W
             t[ds.GUESS + lane] = b[s.guess + point * W + lane]
             t[ds.SEEN + lane] = 1.0 if seen[e, k, r, m] else 0.0
             t[ds.SEEN_X + lane], t[ds.SEEN_Y + lane] = image[e, k, r, m, 0], image[e, k, r, m, 1]
@@ -242,10 +242,9 @@ def _sense(t, b, s, o, settings, gains, odometry, image, seen, k, r, whole, rows
 def _point(t, to, b, s, seen, k, r, m, rows, begin, end):
     """Point m as robot r knows it, to the workspace."""
     place = s.depth + (r * s.points + m) * ds.SIZE * W
-    for i in range(s.width):
-        t[to + i], t[to + W + i] = b[place + ds.Q_X + i], b[place + ds.Q_Y + i]
-        c = place + ds.COVARIANCE + i
-        t[to + 2 * W + i], t[to + 3 * W + i], t[to + 4 * W + i] = b[c], b[c + W], b[c + 3 * W]
+    copy(b, place + ds.Q_X, t, to, _PLANE)
+    copy(b, place + ds.COVARIANCE, t, to + 2 * W, _PLANE)
+    copy(b, place + ds.COVARIANCE + 3 * W, t, to + 4 * W, _PLANE - 1)
     for j in range(begin, end):
         e = rows[j]
         known = b[place + ds.KNOWN + e % W] != 0.0
@@ -330,8 +329,7 @@ def _show_points(t, b, s, points, covariance, known, rows, begin, end):
             copy(b, s.depth + (r * s.points + m) * ds.SIZE * W, t, ds.KNOWN, _NOW)
             _polar(t, s.width)
             for j in range(begin, end):
-                e = rows[j]
-                i = e % W
+                e, i = np.uint64(rows[j]), rows[j] % W
                 known[e, r, m] = t[ds.KNOWN + i] != 0.0
                 for d in range(3):
                     points[e, r, m, d] = t[_POLAR + d * W + i]

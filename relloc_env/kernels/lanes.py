@@ -8,7 +8,7 @@ arithmetic of a lane does not depend on the other lanes, and no operation is reo
 bits in any lane, alone or in company.
 
 Two habits keep the compiler able to do so. All that one loop reads and writes is in one array, a workspace, at places
-that are constants: nothing has to be told apart at run time. And `width`, the bound of such a loop (always `W`), is an
+that are constants: nothing has to be told apart at run time. And `width`, the bound of such a loop, is an
 argument: with a constant the loop would be unrolled before it could become vectors.
 """
 
@@ -21,6 +21,11 @@ from relloc_env.kernels._compile import inlined
 
 W = 8
 """Environments in a block."""
+
+
+def width_of(num_envs: int) -> int:
+    """Lanes to work on in a batch of so many environments: all, or those of the first vector for a few."""
+    return W if num_envs > W // 2 else W // 2
 
 
 def blocks(num_envs: int, size: int) -> NDArray[np.float64]:
@@ -42,5 +47,6 @@ def scatter(table: NDArray[np.float64], rows: NDArray[Any], values: NDArray[np.f
 @inlined
 def copy(source, at, target, to, size):
     """Copy `size` numbers of all lanes, from place `at` of `source` to place `to` of `target`."""
-    for i in range(size * W):
-        target[to + i] = source[at + i]
+    source_at, target_at = np.uint64(at), np.uint64(to)  # places without a sign need no test for one
+    for i in range(np.uint64(size * W)):
+        target[target_at + i] = source[source_at + i]
