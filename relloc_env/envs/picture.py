@@ -122,7 +122,7 @@ def scene(core: "Core", n: int, trails: list[Float]) -> "Scene":
         robot_radius=config.robot_of(0).radius,
         robot_height=config.robot_of(0).height,
         arena=None if half is None else (-half[0], half[0], -half[1], half[1]),
-        obstacles=world.obstacles[n].copy() if len(config.obstacles) else None,
+        obstacles=core.simulation.obstacles.copy() if len(config.obstacles) else None,
         trails=trails,
         estimate=None if core.bare else Estimate(*(np.array(part[n]) for part in core.onboard.estimate)),
         contact=world.contact[n].copy(),

@@ -46,8 +46,14 @@ def inner(function: F) -> F:
 
 
 def _compile(function: F, **extra: bool) -> F:
-    options: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": False, "no_cfunc_wrapper": True}
-    compiled: Any = numba.njit(**options, **extra)(function)
+    options: dict[str, Any] = {
+        "nogil": True,
+        "error_model": "numpy",
+        "fastmath": False,
+        "no_cfunc_wrapper": True,
+        **extra,
+    }
+    compiled: Any = numba.njit(**options)(function)
     cache: _KernelCache | _NoCache
     try:
         cache = _KernelCache(function)
