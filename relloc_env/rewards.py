@@ -80,7 +80,7 @@ def make_score(config: EnvConfig, num_envs: int) -> Score:
         sighted=np.zeros((n, r, m), np.bool_),
         depth_information=np.zeros((n, r)),
         pose_information=np.zeros(n),
-        pose_covariance=np.zeros((n, 3, 3)),
+        pose_covariance=np.zeros((n, 3, 3) if config.tracks_bound else (n, 0, 0)),
         worst_sd=np.zeros((n, 2)),
         depth_error=np.zeros((n, r, m)),
         pose_error=np.zeros((n, r * (r - 1), 2)),

@@ -267,7 +267,7 @@ class Simulation:
     Attributes:
         world: state, live arrays (N first).
         samples: what was measured in the last step, K samples each.
-        first: the one sample that a reset takes.
+        first: the one sample that a reset takes; the same arrays as `samples` where an action has one sample.
         truth, first_truth: what really happened then.
     """
 
@@ -299,7 +299,7 @@ class Simulation:
             streams=np.zeros((n, PURPOSES, 2), np.uint64),
         )
         self.samples, self.truth = _blocks(n, k, r, m, p)
-        self.first, self.first_truth = _blocks(n, 1, r, m, p)
+        self.first, self.first_truth = (self.samples, self.truth) if k == 1 else _blocks(n, 1, r, m, p)
         self.fix(np.arange(n), {})
         self._solvers: list[ContactSolver | None] = [None] * threads
         self._constants = (self.parameters, self.robots, self.obstacles, self.pairs)

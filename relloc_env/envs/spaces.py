@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 from gymnasium import spaces
+from gymnasium.vector.utils import batch_space
 
 from relloc_env.config import EnvConfig
 from relloc_env.envs.core import ROBOT_NAMES
@@ -33,6 +34,19 @@ def joint_space(config: EnvConfig) -> spaces.Space[Any]:
             for f in fields(config)
         }
     )
+
+
+def many(space: spaces.Space[Any], num_envs: int) -> spaces.Space[Any]:
+    """Space of a batch: Gymnasium's, but the bounds are held once instead of once for each environment."""
+    if isinstance(space, spaces.Dict):
+        return spaces.Dict({name: many(part, num_envs) for name, part in space.spaces.items()})
+    assert isinstance(space, spaces.Box)
+    batch: Any = batch_space(space, 1)
+    shape = (num_envs, *space.shape)
+    batch._shape = shape  # noqa: SLF001 - Gymnasium's constructor would make arrays of this shape
+    for name in ("low", "high", "bounded_below", "bounded_above"):
+        setattr(batch, name, np.broadcast_to(getattr(space, name), shape))
+    return batch  # type: ignore[no-any-return]
 
 
 Form = Callable[[Float32], Any]

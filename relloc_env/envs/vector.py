@@ -8,7 +8,6 @@ import numpy as np
 from gymnasium import spaces
 from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode, VectorEnv
-from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from relloc_env.config import ConfigError, EnvConfig
@@ -24,7 +23,7 @@ from relloc_env.envs.door import (
 )
 from relloc_env.envs.information import ENTRIES, Information, check_entries
 from relloc_env.envs.picture import Picture
-from relloc_env.envs.spaces import joint_form, joint_slices, joint_space
+from relloc_env.envs.spaces import joint_form, joint_slices, joint_space, many
 from relloc_env.samples import Bool, Float32, Rows
 
 Seeds = int | Sequence[int | None] | NDArray[np.integer[Any]] | None
@@ -79,8 +78,8 @@ class RellocVectorEnv(VectorEnv[Any, Any, Any]):
         self.metadata = {**self.metadata, "render_fps": rate, "autoreset_mode": self.autoreset_mode}
         self.single_observation_space = joint_space(self.config)
         self.single_action_space = spaces.Box(-1.0, 1.0, (2 * self.config.robots,), np.float32)
-        self.observation_space = batch_space(self.single_observation_space, num_envs)
-        self.action_space = batch_space(self.single_action_space, num_envs)
+        self.observation_space = many(self.single_observation_space, num_envs)
+        self.action_space = many(self.single_action_space, num_envs)
         self._form = joint_form(self.config)
         self._entries = check_entries(info)
         self._information = Information(self.core, self._entries)

@@ -37,7 +37,10 @@ class Cascade:
         self._pairs = ordered_pairs(robots)
         n, pairs = num_envs, len(self._pairs)
         length = message_window if message_window > 1 else 0
-        shape = kernels.shape(robots, points, pairs, n, length, config.use_unseen)
+        shape = kernels.shape(
+            robots, points, pairs, n, length,
+            use_unseen=config.use_unseen, from_odometry=config.process == "odometry",
+        )  # fmt: skip
         self._sizes = np.array(shape, dtype=np.int64)
         self._settings = _settings(config, robots)
         self._gains = np.tile(_gains(config, robots), (n, 1, 1))

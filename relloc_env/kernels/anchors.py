@@ -1,8 +1,8 @@
 """Anchors of the pose filter: what is remembered between two updates, and the prediction from one to the next.
 
 Everything here works on a workspace (`kernels.lanes`): the places below are those of lane 0. An anchor is xi, its
-covariance; its time and sample count; the dead reckoning of A and of B then; the velocity of B; the covariance of both
-dead reckonings; cosine and sine of theta. The motion of a robot is its dead reckoning x, y, theta, cos theta, sin
+covariance; its time and sample count; the dead reckoning of A and of B then; the velocity of B; cosine and sine of
+theta; the covariance of both dead reckonings. The motion of a robot is its dead reckoning x, y, theta, cos theta, sin
 theta; its velocity v, l, w; and the covariance of its dead reckoning, carried in the frame where it began (upper
 triangle), so that the difference of two is what the motion between them added.
 """
@@ -19,9 +19,11 @@ from relloc_env.kernels.motion import arc
 MOTION, CLOCK, ANCHOR, POINT = 14, 2, 38, 6
 """Numbers of a motion; of the clock: time [s] and samples since the start over which time passed; of an anchor; and
 of a point: q_x, q_y in the plane of the body, their covariance xx, xy, yy, and whether it may be used."""
+PLAIN_MOTION, PLAIN_ANCHOR = 8, 26
+"""Those that are kept where the covariance of dead reckoning, which comes last, is not used."""
 
 _TIME, _STEPS, _OWN, _OTHER, _SPEED = 9 * W, 10 * W, 11 * W, 16 * W, 21 * W
-_OWN_NOISE, _OTHER_NOISE, _COS, _SIN = 24 * W, 30 * W, 36 * W, 37 * W
+_COS, _SIN, _OWN_NOISE, _OTHER_NOISE = 24 * W, 25 * W, 26 * W, 32 * W
 _X, _Y, _THETA, _M_COS, _M_SIN, _V, _LATERAL, _YAW_RATE, _NOISE = (k * W for k in range(9))
 
 # Places in the workspace, after those of `depth_state`.

@@ -41,6 +41,10 @@ class Shape(NamedTuple):
     """Whether remembered points take part in the pose update."""
     width: int
     """Lanes to work on."""
+    motion_size: int
+    """Numbers of a motion."""
+    anchor_size: int
+    """Numbers of an anchor."""
     guess: int
     """R M numbers: depth guesses [m]."""
     depth_sd: int
@@ -57,19 +61,25 @@ class Shape(NamedTuple):
     """Numbers of an environment."""
 
 
-def shape(robots: int, points: int, pairs: int, num_envs: int, ring: int, use_unseen: bool) -> Shape:
+def shape(
+    robots: int, points: int, pairs: int, num_envs: int, ring: int, *, use_unseen: bool, from_odometry: bool
+) -> Shape:
     """Lay out a block."""
+    full = from_odometry or ring > 0
+    motion, anchor = (an.MOTION, an.ANCHOR) if full else (an.PLAIN_MOTION, an.PLAIN_ANCHOR)
     places = [0]
-    for numbers in (robots * points, 1, an.CLOCK, robots * an.MOTION, robots * points * ds.SIZE):
+    for numbers in (robots * points, 1, an.CLOCK, robots * motion, robots * points * ds.SIZE):
         places.append(places[-1] + numbers * W)
-    size = places[-1] // W + (0 if ring else pairs * an.ANCHOR)
-    return Shape(robots, points, pairs, num_envs, ring, int(use_unseen), width_of(num_envs), *places, size)
+    size = places[-1] // W + (0 if ring else pairs * anchor)
+    return Shape(
+        robots, points, pairs, num_envs, ring, int(use_unseen), width_of(num_envs), motion, anchor, *places, size
+    )
 
 
 @inner
 def _shape(s):
     """Shape from an int64 array (quicker to hand over than a tuple)."""
-    return Shape(s[0], s[1], s[2], s[3], s[4], s[5], s[6], s[7], s[8], s[9], s[10], s[11], s[12], s[13])
+    return Shape(s[0], s[1], s[2], s[3], s[4], s[5], s[6], s[7], s[8], s[9], s[10], s[11], s[12], s[13], s[14], s[15])
 
 
 @inner
@@ -109,11 +119,11 @@ def reset(depth_guess, pose_guess, depth_sd, pose_sd, shape, sample, table, rece
             t[lane + s.guess + i * W] = depth_guess[e, i // s.points, i % s.points]
         t[lane + s.depth_sd] = depth_sd
         for r in range(s.robots):
-            t[lane + s.motion + r * an.MOTION * W + 3 * W] = 1.0
+            t[lane + s.motion + r * s.motion_size * W + 3 * W] = 1.0
         for p in range(s.pairs):
             received[e, p] = 0
             if ring is None:
-                _start(t, lane + s.anchor + p * an.ANCHOR * W, np.int64(W), pose_guess[e, p], pose_sd)
+                _start(t, lane + s.anchor + p * s.anchor_size * W, np.int64(W), pose_guess[e, p], pose_sd)
             else:
                 ring.anchor[e, p] = 0.0
                 _start(ring.anchor[e, p, s.ring], lane * 0, np.int64(1), pose_guess[e, p], pose_sd)
@@ -127,7 +137,7 @@ def _start(anchor, at, stride, pose, sd):
         anchor[at + k * stride] = pose[k]
     anchor[at + 3 * stride], anchor[at + 6 * stride], anchor[at + 8 * stride] = sd[0] ** 2, sd[1] ** 2, sd[2] ** 2
     anchor[at + 14 * stride], anchor[at + 19 * stride] = 1.0, 1.0  # cosines of both dead reckonings
-    anchor[at + 36 * stride], anchor[at + 37 * stride] = math.cos(pose[2]), math.sin(pose[2])
+    anchor[at + 24 * stride], anchor[at + 25 * stride] = math.cos(pose[2]), math.sin(pose[2])
 
 
 @inlined
@@ -221,10 +231,10 @@ def _sense(t, b, s, o, settings, gains, odometry, image, seen, k, r, whole, rows
         t[ds.V + lane], t[ds.LATERAL + lane] = odometry[e, k, r, 0], odometry[e, k, r, 1]
         t[ds.YAW_RATE + lane] = odometry[e, k, r, 2]
         t[ds.GAIN_H + lane], t[ds.GAIN_ALPHA + lane] = gains[e, r, 0], gains[e, r, 1]
-    motion = s.motion + r * an.MOTION * W
-    copy(b, motion, t, an.OWN, an.MOTION)
+    motion = s.motion + r * s.motion_size * W
+    copy(b, motion, t, an.OWN, s.motion_size)
     an.reckon(t, o.var_v, o.var_w, s.width)
-    _keep(t, an.OWN, b, motion, an.MOTION, whole, rows, begin, end)
+    _keep(t, an.OWN, b, motion, s.motion_size, whole, rows, begin, end)
     for m in range(s.points):
         point = r * s.points + m
         for j in range(begin, end):
@@ -260,10 +270,10 @@ def _listen(t, b, s, o, arrived, received, seen, k, p, pairs, whole, rows, begin
         received[e, p] = arrived[e, k, p] & np.uint64(1)
         t[an.HEARD + e % W] = 1.0 if received[e, p] else 0.0
         everyone &= received[e, p] != 0
-    place = s.anchor + p * an.ANCHOR * W
-    copy(b, place, t, an.BASE, an.ANCHOR)
-    copy(b, s.motion + first * an.MOTION * W, t, an.OWN, an.MOTION)
-    copy(b, s.motion + second * an.MOTION * W, t, an.OTHER, an.MOTION)
+    place = s.anchor + p * s.anchor_size * W
+    copy(b, place, t, an.BASE, s.anchor_size)
+    copy(b, s.motion + first * s.motion_size * W, t, an.OWN, s.motion_size)
+    copy(b, s.motion + second * s.motion_size * W, t, an.OTHER, s.motion_size)
     copy(b, s.clock, t, an.NOW, an.CLOCK)
     if everyone:
         pf.move_anchors(t, o, s.width)
@@ -274,7 +284,7 @@ def _listen(t, b, s, o, arrived, received, seen, k, p, pairs, whole, rows, begin
         _point(t, an.OWN_POINT, b, s, seen, k, first, m, rows, begin, end)
         _point(t, an.OTHER_POINT, b, s, seen, k, second, m, rows, begin, end)
         pf.take_points(t, o, s.width)
-    _keep(t, an.BASE, b, place, an.ANCHOR, whole, rows, begin, end)
+    _keep(t, an.BASE, b, place, s.anchor_size, whole, rows, begin, end)
 
 
 @inner
@@ -295,7 +305,7 @@ def _remember(b, s, ring, seen, e, k, row):
         ring.clock[e, row, i] = b[s.clock + i * W + lane]
     for r in range(s.robots):
         for i in range(an.MOTION):
-            ring.motion[e, row, r, i] = b[s.motion + (r * an.MOTION + i) * W + lane]
+            ring.motion[e, row, r, i] = b[s.motion + (r * s.motion_size + i) * W + lane]
         for m in range(s.points):
             place = s.depth + (r * s.points + m) * ds.SIZE * W + lane
             point, covariance = ring.point[e, row, r, m], place + ds.COVARIANCE
@@ -355,8 +365,8 @@ def _show_pose(t, i, e, p, pose, c):
 def _show_poses(t, b, s, o, pairs, sample, received, pose, covariance, rows, begin, end):
     """Write the poses of rows[begin:end], all of one block, at their last sample."""
     for p in range(s.pairs):
-        copy(b, s.anchor + p * an.ANCHOR * W, t, an.BASE, an.ANCHOR)
-        copy(b, s.motion + pairs[p, 0] * an.MOTION * W, t, an.OWN, an.MOTION)
+        copy(b, s.anchor + p * s.anchor_size * W, t, an.BASE, s.anchor_size)
+        copy(b, s.motion + pairs[p, 0] * s.motion_size * W, t, an.OWN, s.motion_size)
         copy(b, s.clock, t, an.NOW, an.CLOCK)
         for j in range(begin, end):
             e = rows[j]
