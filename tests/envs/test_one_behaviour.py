@@ -62,8 +62,8 @@ def fold(before: int, line: NDArray[np.float32], reward: float, terminated: bool
 class Batch:
     """Seeds played as one vector environment."""
 
-    def __init__(self, seeds: NDArray[np.int64]) -> None:
-        self.env = RellocVectorEnv(len(seeds), CROWDED, info=(), copy=False)
+    def __init__(self, seeds: NDArray[np.int64], threads: int | None = None) -> None:
+        self.env = RellocVectorEnv(len(seeds), CROWDED, info=(), copy=False, threads=threads)
         self.actions = np.stack([actions_of(seed) for seed in seeds.tolist()], axis=1)
         lines, _ = self.env.reset(seed=seeds.tolist())
         self.sums = [fold(0, line, 0.0, False, False) for line in lines]
@@ -209,3 +209,10 @@ def test_fresh_process_gives_the_same(reference: Trace) -> None:
         [sys.executable, "-c", script], capture_output=True, text=True, check=True, env=environment, cwd=root
     )
     assert run.stdout.split() == [hashlib.sha256(reference.tobytes()).hexdigest()]
+
+
+@pytest.mark.parametrize("threads", [2, 5])
+def test_any_number_of_threads(reference: Trace, threads: int) -> None:
+    batch = Batch(SEEDS, threads)
+    assert len(batch.env.core._parts(batch.env.core.everyone)) == threads
+    np.testing.assert_array_equal(batch.trace(), reference)
