@@ -30,7 +30,7 @@ class Core:
         config: the configuration of all environments.
         simulation: the physical side, with the truth.
         onboard: what the robots make of it: estimator, dead reckoning, messages.
-        observation: [-] float32 (N, R, D), refreshed in place, or where a caller put another array
+        observation: [-] float32 (N, R, D), refreshed in place, or in the array that a caller put there.
         reward: (N, R) weighted sum of the terms.
         joint_reward: (N,) mean over the robots.
         terminated: (N,) whether the last action ended the episode, by what the configuration says.

@@ -34,6 +34,7 @@ class RellocVecEnv(VecEnv):
         decentralised: whether each robot is a row.
         info: entries of `relloc_env.envs.information.ENTRIES` for every row's info, which is slow; () for none.
         render_mode: None or "rgb_array".
+        threads: how many a large batch runs on, None for one a core; what comes out does not depend on it.
 
     Raises:
         ConfigError: an unknown option, or a value that cannot be.
