@@ -135,6 +135,8 @@ class _Record:
         task, robots = self._task, self._task.robots
         rows = task.rows(observations)
         truth = next(iter(infos.values()))
+        if "information" not in truth:
+            raise ValueError("Argument `env` must compute the information bound: make it with `bound=True`")
         poses, self._points = truth["truth"]["poses"], truth["truth"]["points"]
         points = task.field(rows, "points").reshape(robots, task.targets, POINT)
         known = np.hypot(points[..., SINE], points[..., COSINE]) > 0.5

@@ -30,7 +30,7 @@ ROBOT = np.dtype(
     [(name, np.float64) for name in (
         "radius", "height", "max_speed", "min_speed", "max_yaw_rate", "gain_v", "gain_w", "actuator_v", "actuator_w",
         "odometry_v", "odometry_w", "focal_length", "centre_x", "centre_y", "mount_height", "pixel_noise",
-        "quantisation", "near", "far", "miss_probability", "x_min", "x_max", "y_min", "y_max", "image_noise",
+        "quantisation", "near", "far", "miss_probability", "x_min", "x_max", "y_min", "y_max",
         "frames_per_sample",
     )],
     align=True,
@@ -116,7 +116,6 @@ def pack_robots(config: EnvConfig) -> NDArray[np.void]:
             "x_max": (camera.width - centre_x) / focal if camera.limited else inf,
             "y_min": -centre_y / focal if camera.limited else -inf,
             "y_max": (camera.height - centre_y) / focal if camera.limited else inf,
-            "image_noise": camera.image_noise,
             "frames_per_sample": 1.0 if camera.frame_rate is None else camera.frame_rate / config.sample_rate,
         }
         for name, value in values.items():

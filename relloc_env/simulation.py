@@ -29,12 +29,12 @@ OPTIONS = ("poses", "points")
 
 @kernel
 def _begin(
-    params_, robots, obstacles, pairs, rows, failed,
+    params_, robots, obstacles, pairs, rows,
     pose, velocity, wheels, pending, command, points, visible, contact, collided, blocked, tick, position, deliver,
     streams, fixed_poses, fixed_points, guess_depth, guess_pose,
     s_period, s_odometry, s_image, s_seen, s_arrived, t_pose, t_velocity, t_visible,
 ):  # fmt: skip
-    """Start new episodes and take their first sample; returns how many could not be placed (listed in `failed`)."""
+    """Start new episodes and take their first sample; returns how many could not be placed."""
     params, targets, count, none = params_[0], points.shape[1], 0, np.int64(0)
     sights = (robots.shape[0] * dr.ROBOT + 3 * targets) * W
     t = np.zeros(sights + robots.shape[0] * targets * se.SIGHT * W)
@@ -44,7 +44,6 @@ def _begin(
             pose[n], points[n], fixed_poses[n], fixed_points[n], guess_depth[n], guess_pose[n], streams[n, SCENARIO],
             params, robots, obstacles, pairs,
         ):  # fmt: skip
-            failed[count] = n
             count += 1
             continue
         tick[n] = 0
@@ -326,10 +325,7 @@ class Simulation:
             ConfigError: options that cannot be, or a start that could not be found.
         """
         self.fix(rows, options)
-        failed = _begin(
-            self.parameters, self.robots, self.obstacles, self.pairs, rows, np.empty(len(rows), np.int64),
-            *self._begun,
-        )  # fmt: skip
+        failed = _begin(*self._constants, rows, *self._begun)
         if failed:
             raise ConfigError(
                 "No start was found that meets the conditions of `start` (distances, separation, all targets in view): "

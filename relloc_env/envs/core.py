@@ -197,24 +197,6 @@ class Core:
         """Start the random streams of the environments `rows` anew, in mid-episode."""
         self.simulation.seed(rows, seeds)
 
-    def clone(self, index: int, copies: int, seeds: Sequence[int] | None = None) -> "Core":
-        """Build as many environments in the state of environment `index`.
-
-        Args:
-            index: of the environment to branch.
-            copies: how many.
-            seeds: start the random streams of each copy; None leaves all of them with the streams of the original.
-
-        Raises:
-            ConfigError: where the estimator is an object of the user's own, which cannot be built again.
-        """
-        self.check_clonable()
-        other = Core(self.config, copies)
-        other.set_state(self.get_state(np.full(copies, index)), other.everyone)
-        if seeds is not None:
-            other.seed(other.everyone, seeds)
-        return other
-
     def check_clonable(self) -> None:
         """Raise where the estimator is an object of the user's own: it was made for this number of environments."""
         if self._own_estimator:

@@ -63,7 +63,6 @@ class RellocParallelEnv(ParallelEnv[str, Any, Any]):
         self._form = robot_form(self.core.config)
         self._names = set(self.possible_agents)
         self._actions = np.zeros((1, self.core.config.robots, 2))
-        self._lines = list(self._actions[0])
 
     @property
     def config(self) -> EnvConfig:
@@ -112,7 +111,7 @@ class RellocParallelEnv(ParallelEnv[str, Any, Any]):
         if not isinstance(actions, Mapping) or actions.keys() != self._names:
             given = sorted(map(str, actions)) if isinstance(actions, Mapping) else type(actions).__name__
             raise ValueError(f"Argument `actions` must have one action for each of {agents}, but has {given}")
-        for agent, line in zip(agents, self._lines, strict=True):
+        for agent, line in zip(agents, self._actions[0], strict=True):
             take_action(actions[agent], line, agent)
         core.step(self._actions, _ROW)
         terminated, truncated = core.terminated.item(0), core.truncated.item(0)

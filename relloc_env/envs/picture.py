@@ -107,8 +107,9 @@ def scene(core: "Core", n: int, trails: list[Float]) -> "Scene":
         for p, (a, _) in enumerate(core.simulation.pairs):
             length, angle = core.score.pose_error[n, p]
             readings.append(Reading("pose error", f"{length:.2f} m {math.degrees(angle):.1f}°", int(a)))
-    j = core.score.pose_information[n] if config.robots > 1 else core.score.depth_information[n, 0]
-    readings.append(Reading("information", f"{j:.2f} nats"))
+    if config.tracks_bound:
+        j = core.score.pose_information[n] if config.robots > 1 else core.score.depth_information[n, 0]
+        readings.append(Reading("information", f"{j:.2f} nats"))
     return Scene(
         time=float(world.tick[n]) * config.sample_period,
         poses=poses.copy(),

@@ -1,6 +1,7 @@
 """A batch cut into parts that run on several threads. Compiled kernels release the interpreter's lock meanwhile."""
 
 import functools
+import numbers
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -19,9 +20,9 @@ def check_threads(threads: int | None, num_envs: int) -> int:
     """Return how many threads a batch runs on: as many as asked for; all cores, but no idle ones, by default."""
     if threads is None:
         return max(1, min(_cores(), num_envs // LEAST))
-    if isinstance(threads, bool) or not isinstance(threads, int) or threads < 1:
+    if isinstance(threads, bool) or not isinstance(threads, numbers.Integral) or threads < 1:
         raise ConfigError(f"Argument `threads` must be a positive integer or None, but is {threads!r}")
-    return threads
+    return int(threads)
 
 
 def _cores() -> int:

@@ -70,7 +70,7 @@ class RellocVectorEnv(VectorEnv[Any, Any, Any]):
         **options: Any,
     ) -> None:
         self.core = open_core(config, num_envs, estimator, options, threads)
-        self.num_envs = num_envs
+        self.num_envs, self._threads = num_envs, threads
         self.autoreset_mode = _check_mode(autoreset_mode)
         self.copy = copy
         self.render_mode = check_render_mode(render_mode, ("rgb_array",))
@@ -270,7 +270,7 @@ class RellocVectorEnv(VectorEnv[Any, Any, Any]):
         self.core.check_clonable()
         other = RellocVectorEnv(
             copies, self.config, render_mode=self.render_mode, autoreset_mode=self.autoreset_mode,
-            info=self._entries, copy=self.copy,
+            info=self._entries, copy=self.copy, threads=self._threads,
         )  # fmt: skip
         other.set_state(self.get_state(np.full(copies, row)))
         if not same_streams:

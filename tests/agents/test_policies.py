@@ -20,7 +20,7 @@ def rows_of(task, n, time=0.0, **fields):
 
 
 def point(bearing, distance, elevation=0.1):
-    """A point as `relloc_env.envs.onboard.write_point` tells it."""
+    """A point as robots tell it."""
     y = elevation / np.cos(bearing)
     return [1.0, np.tan(-bearing), -y, np.sin(bearing), np.cos(bearing), elevation, 1.0 / distance, -2.0]
 
