@@ -9,7 +9,9 @@ import typer
 
 import relloc_env
 
-app = typer.Typer(add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False, help=__doc__)
+app = typer.Typer(
+    add_completion=False, no_args_is_help=True, rich_markup_mode=None, pretty_exceptions_enable=False, help=__doc__
+)
 
 EXTRAS = {"matplotlib": "logs", "pygame": "render", "imageio_ffmpeg": "render", "PIL": "render"}
 """The extra of this package that brings each optional one."""

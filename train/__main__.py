@@ -7,7 +7,9 @@ import gymnasium as gym
 import typer
 from rich.console import Console
 
-app = typer.Typer(add_completion=False, no_args_is_help=True, help="Train policies with Stable-Baselines3.")
+app = typer.Typer(
+    add_completion=False, no_args_is_help=True, rich_markup_mode=None, help="Train policies with Stable-Baselines3."
+)
 
 
 @app.callback()

@@ -1,5 +1,6 @@
 """The native vector door: N environments in one batch, as Gymnasium's vector interface has them."""
 
+import numbers
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -121,13 +122,14 @@ class RellocVectorEnv(VectorEnv[Any, Any, Any]):
         rows, options = self._asked(options)
         ours = check_options(options)
         core = self.core
+        core.simulation.fix(rows, ours)
         self._started[rows] = False
         self._ready = False
         seeded = np.array([n for n in rows.tolist() if seeds[n] is not None], np.int64)
         core.seed(seeded, [seeds[n] for n in seeded.tolist()])
         if self.copy:
             core.observation = core.observation.copy()
-        core.reset(rows, None, ours)
+        core.reset(rows)
         self._started[rows] = True
         self._over[rows] = False
         self._settle()
@@ -243,6 +245,10 @@ class RellocVectorEnv(VectorEnv[Any, Any, Any]):
         self._settle()
         self._follow(rows)
 
+    def observations(self) -> Any:
+        """What all environments show now, in fresh arrays: after `set_state` or `clone`, before the first step."""
+        return self._form(self.core.observation.copy())
+
     def reseed(self, seed: Seeds = None, which: Which = None) -> None:
         """Start the random streams of some environments anew, in mid-episode.
 
@@ -258,21 +264,26 @@ class RellocVectorEnv(VectorEnv[Any, Any, Any]):
         """Branch one environment: a vector environment of `copies`, all in its state now.
 
         Args:
-            index: of the environment.
+            index: of the environment, from 0.
             copies: how many.
-            seed: of the copies' random streams, as for `reseed`.
+            seed: of the copies' random streams, as for `reseed`; not used with `same_streams`.
             same_streams: whether the copies keep the random streams of the original instead, for exact replays.
 
         Raises:
+            ValueError: an index that is no environment's, or a number of copies below 1.
             ConfigError: where the estimator is an object of the user's own, which cannot be built again.
         """
-        (row,) = self._rows(index)
+        for name, value, least, most in (("index", index, 0, self.num_envs - 1), ("copies", copies, 1, None)):
+            integer = isinstance(value, numbers.Integral) and not isinstance(value, bool)
+            if not integer or value < least or (most is not None and value > most):
+                span = f"from {least} to {most}" if most is not None else f"of at least {least}"
+                raise ValueError(f"Argument `{name}` must be an integer {span}, but is {value!r}")
         self.core.check_clonable()
         other = RellocVectorEnv(
             copies, self.config, render_mode=self.render_mode, autoreset_mode=self.autoreset_mode,
             info=self._entries, copy=self.copy, threads=self._threads,
         )  # fmt: skip
-        other.set_state(self.get_state(np.full(copies, row)))
+        other.set_state(self.get_state(np.full(copies, index)))
         if not same_streams:
             other.reseed(seed)
         return other
