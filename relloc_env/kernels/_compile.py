@@ -136,7 +136,6 @@ def _announce() -> None:
     """Say once in a process that something has to be compiled, since that takes a while."""
     if os.environ.get(QUIET, "0") in ("", "0"):
         sys.stderr.write(
-            "relloc_env: compiling kernels, a minute or so; they are cached for the next time "
-            f"({QUIET}=1 hides this)\n"
+            f"relloc_env: compiling kernels, a minute or so; they are cached for the next time ({QUIET}=1 hides this)\n"
         )
         sys.stderr.flush()
