@@ -96,6 +96,9 @@ class MapAlignmentConfig(EstimatorOptions):
     noise_period: PositiveFloat | None = None
     """[s] length of the sample that the odometry noise is for: a sample of length dt has `noise_period`/dt of its
     variance (1.0: the noise is given in m/√s and rad/√s). None: any sample has it, whatever its length."""
+    rest_share: Annotated[float, Field(ge=0.0, le=1.0)] = 1.0
+    """[-] share of the odometry noise that is left in samples whose measured velocity is exactly zero: below 1 where
+    commands are measured, since a robot that is told to stand stands."""
     scale_sd: tuple[NonNegativeFloat, NonNegativeFloat] = (0.0, 0.0)
     """[-] standard deviation of the scales of speed and yaw rate, estimated per robot; 0: exact."""
     turn_loss_sd: NonNegativeFloat = 0.0
@@ -156,13 +159,14 @@ PRESETS: Mapping[str, CascadeConfig | MapAlignmentConfig] = MappingProxyType(
         ),
         "map-alignment-commands": MapAlignmentConfig(
             image_noise=0.02,
-            odometry_noise=(0.04, 0.08),
-            lateral_noise=0.02,
+            odometry_noise=(0.03, 0.07),
+            lateral_noise=0.01,
             noise_period=1.0,
+            rest_share=0.1,
             scale_sd=(0.1, 0.1),
             turn_loss_sd=0.1,
             camera_delay_sd=0.1,
-            inverse_range_prior=(0.35, 0.3),
+            inverse_range_prior=(0.3, 0.2),
             forget_after=300.0,
             grid_period=None,
         ),

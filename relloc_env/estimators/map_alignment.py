@@ -196,6 +196,7 @@ def _options(config: MapAlignmentConfig) -> Options:
         lateral_variance=config.lateral_noise**2,
         yaw_variance=config.odometry_noise[1] ** 2,
         noise_period=config.noise_period or 0.0,
+        rest_share=config.rest_share,
         gate=-2.0 * math.log(config.gate_probability),
         bearing_gate=NormalDist().inv_cdf(1.0 - 0.5 * config.gate_probability) ** 2,
         most_rejections=config.most_rejections,

@@ -53,6 +53,7 @@ class Options(NamedTuple):
     lateral_variance: float
     yaw_variance: float
     noise_period: float
+    rest_share: float
     gate: float
     bearing_gate: float
     most_rejections: int
@@ -71,9 +72,11 @@ class Options(NamedTuple):
 
 
 @kernel
-def velocity_variance(options, dt):
-    """Variances of (speed, lateral speed, yaw rate) measured over an interval of `dt`."""
+def velocity_variance(options, dt, v, lateral, w):
+    """Variances of (speed, lateral speed, yaw rate) measured over an interval of `dt` as (v, lateral, w)."""
     scale = options.noise_period / dt if options.noise_period > 0.0 and dt > 0.0 else 1.0
+    if v == 0.0 and lateral == 0.0 and w == 0.0:
+        scale *= options.rest_share * options.rest_share
     return scale * options.speed_variance, scale * options.lateral_variance, scale * options.yaw_variance
 
 
@@ -92,7 +95,6 @@ def observe(maps, options, n, dt, odometry, image, seen, work):
     old, window = maps.cursor[n], maps.state.shape[1]
     now = (old + 1) % window
     maps.cursor[n] = now
-    var_v, var_l, var_w = velocity_variance(options, dt)
     for r in range(robots):
         state, covariance, known = maps.state[n, now, r], maps.covariance[n, now, r], maps.known[n, now, r]
         if window > 1:
@@ -106,6 +108,7 @@ def observe(maps, options, n, dt, odometry, image, seen, work):
         motion = maps.motion[n, now, r]
         motion[0], motion[1], motion[2], motion[3] = dt, v, lateral, w
         if dt > 0.0:
+            var_v, var_l, var_w = velocity_variance(options, dt, v, lateral, w)
             map_predict(state, covariance, known, v, lateral, w, dt, var_v, var_l, var_w, work)
         for i in range(points):
             if known[i]:

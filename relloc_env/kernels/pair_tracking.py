@@ -135,10 +135,10 @@ def move_anchor(maps, pairs, options, n, p, a, b, work):
         return
     v_a, l_a, w_a = motion_of(maps, n, slot, a)
     v_b, l_b, w_b = motion_of(maps, n, slot, b)
-    variance = velocity_variance(options, dt)
-    carry(pairs.prior[n, p], pairs.prior_covariance[n, p], v_a, l_a, w_a, v_b, l_b, w_b, dt, variance, variance, work)
+    var_a, var_b = velocity_variance(options, dt, v_a, l_a, w_a), velocity_variance(options, dt, v_b, l_b, w_b)
+    carry(pairs.prior[n, p], pairs.prior_covariance[n, p], v_a, l_a, w_a, v_b, l_b, w_b, dt, var_a, var_b, work)
     anchored, covariance = pairs.anchored[n, p], pairs.anchored_covariance[n, p]
-    carry(anchored, covariance, v_a, l_a, w_a, v_b, l_b, w_b, dt, variance, variance, work)
+    carry(anchored, covariance, v_a, l_a, w_a, v_b, l_b, w_b, dt, var_a, var_b, work)
     carry_mean(pairs.mode[n, p], v_a, l_a, w_a, v_b, l_b, w_b, dt)
     if pairs.has_second[n, p]:
         carry_mean(pairs.second[n, p], v_a, l_a, w_a, v_b, l_b, w_b, dt)
@@ -197,15 +197,15 @@ def show_pose(maps, pairs, options, n, p, a, renewed, work):
             continue
         v_a, l_a, w_a = motion_of(maps, n, slot, a)
         v_b, l_b, w_b = pairs.heard[n, p, 0], pairs.heard[n, p, 1], pairs.heard[n, p, 2]
-        variance = velocity_variance(options, dt)
+        var_a, var_b = velocity_variance(options, dt, v_a, l_a, w_a), velocity_variance(options, dt, v_b, l_b, w_b)
         # A change of velocity lasts: displacement grows with the time unheard, not with its root.
         growth = 2.0 * (pairs.silence[n, p] - back) - 1.0
         unheard = (
-            variance[0] + growth * options.unheard_speed_variance,
-            variance[1],
-            variance[2] + growth * options.unheard_yaw_variance,
+            var_b[0] + growth * options.unheard_speed_variance,
+            var_b[1],
+            var_b[2] + growth * options.unheard_yaw_variance,
         )
-        carry(pairs.pose[n, p], pairs.pose_covariance[n, p], v_a, l_a, w_a, v_b, l_b, w_b, dt, variance, unheard, work)
+        carry(pairs.pose[n, p], pairs.pose_covariance[n, p], v_a, l_a, w_a, v_b, l_b, w_b, dt, var_a, unheard, work)
 
 
 @kernel

@@ -72,6 +72,7 @@ class ReplayResult:
             "options": self.options,
             "nees_band_95": list(scores.NEES_BAND),
             "nees_median_expected": scores.NEES_MEDIAN,
+            "depth_sure_below_sd_m": scores.SURE,
             "estimate_exists_below": {"position_sd_m": scores.CERTAIN[0], "heading_sd_rad": scores.CERTAIN[1]},
             "estimators": {
                 name: {
@@ -93,7 +94,7 @@ class ReplayResult:
         """Heads and cells of what the command prints, one row per estimator."""
         data = self.to_dict()["estimators"]
         poses = any(part["pose"] for part in data.values())
-        heads = ["estimator", "tracks", "initial depth error [m]", "final [m]", "to 10 % [s]"]
+        heads = ["estimator", "tracks", "initial depth error [m]", "final [m]", "where sure [m]", "to 10 % [s]"]
         heads += ["seconds", "position [m]", "RMSE [m]", "heading [deg]", "RMSE [deg]", "NEES"] if poses else []
         rows = []
         for name, part in data.items():
@@ -102,6 +103,7 @@ class ReplayResult:
             settled = f"{_text(median, 1)} ({depth.get('settled_tracks', 0)})"
             row = [name, str(depth["tracks"]), _text(depth.get("median_initial_error_m")), ""]
             row[3] = _text(depth.get("median_final_error_m"))
+            row.append(f"{_text(depth.get('median_final_error_where_sure_m'), 3)} ({depth.get('sure_tracks', 0)})")
             row.append(settled)
             if poses:
                 seconds = f"{pose.get('seconds_with_estimate', 0)}/{pose.get('seconds_with_two_common_points', 0)}"

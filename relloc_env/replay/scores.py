@@ -18,6 +18,10 @@ CERTAIN = (1.5, 0.5)
 """[m, rad] an estimate of the pose exists where the filter claims at most these standard deviations."""
 
 
+SURE = 0.2
+"""[m] an estimator is sure of a depth where it claims at most this standard deviation."""
+
+
 class Trace(NamedTuple):
     """What an estimator believed after each of the T samples of a log."""
 
@@ -95,11 +99,14 @@ def summarise_tracks(tracks: list[dict[str, Any]]) -> dict[str, Any]:
     first, last = (np.abs([track[key] for track in tracks]) for key in ("initial_error_m", "final_error_m"))
     settled = [t["time_to_10_percent_s"] for t in tracks if t["time_to_10_percent_s"] is not None]
     sensed = [abs(t["final_error_against_sensor_m"]) for t in tracks if t["final_error_against_sensor_m"] is not None]
+    sure = [abs(t["final_error_m"]) for t in tracks if t["final_sd_m"] <= SURE]
     return {
         "tracks": len(tracks),
         "median_initial_error_m": float(np.median(first)),
         "median_final_error_m": float(np.median(last)),
         "median_final_error_against_sensor_m": float(np.median(sensed)) if sensed else None,
+        "sure_tracks": len(sure),
+        "median_final_error_where_sure_m": float(np.median(sure)) if sure else None,
         "settled_tracks": len(settled),
         "median_time_to_10_percent_s": float(np.median(settled)) if settled else None,
     }

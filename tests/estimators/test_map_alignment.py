@@ -280,3 +280,24 @@ def test_what_does_not_fit_is_refused() -> None:
         estimator.update(delayed(run, 2).samples, rows)
     with pytest.raises(ValueError, match=r"`state` must have the keys"):
         estimator.set_state({}, rows)
+
+
+@pytest.mark.parametrize(("share", "grown"), [(1.0, True), (0.0, False)])
+def test_noise_of_a_robot_that_is_told_to_stand(share: float, grown: bool) -> None:
+    """With w = v = 0 measured, the heading's variance grows by odometry noise times the share that is left at rest."""
+    noise, seconds = 0.02, 20.0
+    run = simulate(1, 5.0, seed=3)
+    config = CONFIG.model_copy(update={"odometry_noise": (noise, noise), "rest_share": share})
+    estimator = MapAlignment(1, 2, 2, config)
+    rows = np.zeros(1, dtype=np.int64)
+    estimator.reset(run.prior, rows)
+    estimator.update(run.samples, rows)
+    before = estimator.estimate.pose_covariance[0, 0, 2, 2]
+    still, steps = part(run.samples, 1, 2), round(seconds / DT)
+    still.odometry[:], still.seen[:] = 0.0, False
+    for _ in range(steps):
+        estimator.update(still, rows)
+    added = estimator.estimate.pose_covariance[0, 0, 2, 2] - before
+    # Both robots' headings: twice n (noise dt)². Maps that drift apart from each other add to the least squares alike.
+    expected = 2.0 * steps * (noise * DT) ** 2 if grown else 0.0
+    assert_allclose(added, expected, rtol=0.15, atol=0.02 * 2.0 * steps * (noise * DT) ** 2)
