@@ -56,6 +56,52 @@ def film(
     typer.echo(f"Film: {out}")
 
 
+EVERY = "all"
+
+
+@app.command()
+def benchmark(
+    out: Annotated[Path, typer.Option(help="Folder of results; what is there already is not done again.")],
+    env: Annotated[str, typer.Option(help="Id of the environment.")] = "relloc_env/RelativePose-v0",
+    suite: Annotated[str, typer.Option(help="Names of suites, parted by commas.")] = EVERY,
+    agents: Annotated[
+        str, typer.Option(help="Names, or path/to/file.py:MyAgent, parted by commas; all: scripted and feedback.")
+    ] = EVERY,
+    estimators: Annotated[str, typer.Option(help="Names of estimators, parted by commas.")] = "cascade,map-alignment",
+    episodes: Annotated[int, typer.Option(min=1, help="Episodes of each agent on each suite.")] = 500,
+    seeds: Annotated[str, typer.Option(help="Set of seeds: train, validation or test.")] = "test",
+    cores: Annotated[int | None, typer.Option(min=1, help="Cores to use; default: all.")] = None,
+) -> None:
+    """Play agents on suites of scenarios and score what they make known. Stopped, it goes on where it was."""
+    try:
+        from agents.benchmark import Asked
+        from agents.benchmark import benchmark as run
+        from agents.demo_progress import bar
+        from agents.registry import AGENTS
+        from relloc_env.scenarios import SUITES
+    except ModuleNotFoundError as error:
+        _stop(f"The package `{error.name}` is missing: pip install -e '.[agents]'")
+    asked = Asked(
+        env=env,
+        suites=tuple(SUITES) if suite == EVERY else _names(suite),
+        agents=tuple(AGENTS) if agents == EVERY else _names(agents),
+        estimators=_names(estimators),
+        episodes=episodes,
+        seeds=seeds,
+    )
+    try:
+        with bar() as tell:
+            run(asked, out, cores=cores, tell=tell)
+    except (ValueError, OSError) as error:
+        _stop(str(error))
+    typer.echo(f"Results: {out}. Make the page of them: python -m agents report {out}")
+
+
+def _names(text: str) -> tuple[str, ...]:
+    """Names parted by commas."""
+    return tuple(name.strip() for name in text.split(",") if name.strip())
+
+
 def _stop(message: str) -> NoReturn:
     """Print one line and end with exit code 2."""
     typer.echo(f"Error: {message}", err=True)

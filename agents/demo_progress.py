@@ -6,10 +6,19 @@ from typing import Self
 
 from numba.core.event import Event, Listener, install_listener
 from rich.console import Console
-from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 Tell = Callable[..., None]
 """Called with the part of a step that is done, and more words where there are any."""
+
+
+@contextmanager
+def bar() -> Iterator[Callable[[str, float], None]]:
+    """A progress bar with the time left; call what this yields with words and the part that is done."""
+    columns = (SpinnerColumn(), BarColumn(), TextColumn("{task.percentage:3.0f} %"), TimeRemainingColumn())
+    with Progress(*columns, TextColumn("{task.description}"), console=Console(stderr=True)) as progress:
+        task = progress.add_task("", total=1.0)
+        yield lambda words, part: progress.update(task, completed=part, description=words)
 
 
 class Steps:

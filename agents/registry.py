@@ -7,6 +7,7 @@ from functools import partial
 from agents import scripted
 from agents.feedback import Edge
 from agents.policy import Policy, Task
+from relloc_env.estimators.own import load
 
 
 def _script(law: scripted.Law) -> Callable[[Task], Policy]:
@@ -30,14 +31,22 @@ AGENTS: Mapping[str, Callable[[Task], Policy]] = {
 """What builds each agent from a task."""
 
 
-def make(name: str, task: Task) -> Policy:
-    """Build the agent of this name.
+def agent(name: str) -> Callable[[Task], Policy]:
+    """Return what builds the agent of this name, or the class that `path/to/file.py:MyAgent` leads to.
 
     Raises:
-        ValueError: an unknown name (with a suggestion).
+        ValueError: an unknown name (with a suggestion), or a path that leads nowhere.
     """
+    if ":" in name:
+        build: Callable[[Task], Policy] = load(name)
+        return build
     if name not in AGENTS:
         close = difflib.get_close_matches(name, AGENTS, n=1)
         hint = f"; did you mean `{close[0]}`?" if close else ""
         raise ValueError(f"Unknown agent `{name}`{hint} Known: {', '.join(AGENTS)}")
-    return AGENTS[name](task)
+    return AGENTS[name]
+
+
+def make(name: str, task: Task) -> Policy:
+    """Build the agent of this name, see `agent`."""
+    return agent(name)(task)

@@ -253,3 +253,24 @@ def trajectory_bound(
             for i in range(count):
                 point_covariance(covariance, poses[s], points, robot, i, result.points[s, robot, i])
     return result
+
+
+def bound_range_sd(bound: Float, poses: Float, points: Float) -> Float:
+    """Standard deviation of the horizontal range of each point from each robot, by the bound, [m] (N, R, M).
+
+    Args:
+        bound: (N, D, D) covariances, in the coordinates of `relloc_env.kernels.bound`.
+        poses: [m, m, rad] (N, R, 3) true poses, {W}.
+        points: [m] (N, M, 3) true points, {W}.
+    """
+    robots, count = poses.shape[1], points.shape[1]
+    to = points[:, None, :, :2] - poses[:, :, None, :2]
+    unit = to / np.linalg.norm(to, axis=-1, keepdims=True)
+    row = np.zeros((*to.shape[:3], bound.shape[-1]))
+    for i in range(count):
+        row[:, :, i, 3 * i : 3 * i + 2] = unit[:, :, i]
+    for k in range(1, robots):
+        t = 3 * (count + k - 1)
+        row[:, k, :, t : t + 2] = -unit[:, k]
+        row[:, k, :, t + 2] = unit[:, k, :, 0] * points[..., 1] - unit[:, k, :, 1] * points[..., 0]
+    return np.sqrt(np.einsum("nrmd,nde,nrme->nrm", row, bound, row))
