@@ -21,7 +21,7 @@ def validate(model: type[M], data: Any) -> M:
         raise ConfigError("\n".join(_explain(model, e) for e in error.errors())) from None
 
 
-_TAGS = ("disc", "box", "cascade", "map-alignment")
+_TAGS = ("disc", "box", "cascade", "inverse-depth", "map-alignment")
 """Parts of pydantic's paths that say which of several configurations was tried."""
 
 

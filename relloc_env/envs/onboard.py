@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from relloc_env.config import EnvConfig
-from relloc_env.estimators.config import CascadeConfig, MapAlignmentConfig
+from relloc_env.estimators.config import BuiltIn, MapAlignmentConfig
 from relloc_env.estimators.protocol import Estimator
 from relloc_env.estimators.registry import make
 from relloc_env.kernels._compile import inlined, inner, kernel
@@ -245,9 +245,7 @@ class Onboard:
             value[rows] = state[name]
 
 
-def informed(
-    config: EnvConfig, estimator: CascadeConfig | MapAlignmentConfig | None = None
-) -> CascadeConfig | MapAlignmentConfig:
+def informed(config: EnvConfig, estimator: BuiltIn | None = None) -> BuiltIn:
     """An estimator's configuration, which takes what is known of the robots' sensors where it does not state its own.
 
     Args:

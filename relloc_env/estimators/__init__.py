@@ -1,6 +1,6 @@
 """Estimators: what a robot makes of what it sees and is told."""
 
-from relloc_env.estimators.config import PRESETS, CascadeConfig, EstimatorConfig, MapAlignmentConfig
+from relloc_env.estimators.config import PRESETS, CascadeConfig, EstimatorConfig, InverseDepthConfig, MapAlignmentConfig
 from relloc_env.estimators.protocol import Estimator
 from relloc_env.estimators.registry import make, names, resolve
 
@@ -9,6 +9,7 @@ __all__ = [
     "CascadeConfig",
     "Estimator",
     "EstimatorConfig",
+    "InverseDepthConfig",
     "MapAlignmentConfig",
     "make",
     "names",

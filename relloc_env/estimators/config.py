@@ -136,13 +136,32 @@ class MapAlignmentConfig(EstimatorOptions):
     """[-] an alignment ends where the next step promises to lower its cost J by less."""
 
 
-EstimatorConfig = Annotated[CascadeConfig | MapAlignmentConfig, Field(discriminator="kind")]
-"""Any built-in estimator's configuration, told apart by `kind`."""
+class InverseDepthConfig(EstimatorOptions):
+    """A Kalman filter of each point on its own, then a filter for the pose of each ordered pair: a simple baseline."""
 
-PRESETS: Mapping[str, CascadeConfig | MapAlignmentConfig] = MappingProxyType(
+    kind: Literal["inverse-depth"] = "inverse-depth"
+
+    image_noise: NonNegativeFloat = 0.003
+    """[-] standard deviation of normalised image coordinates."""
+    odometry_noise: tuple[NonNegativeFloat, NonNegativeFloat] = (0.01, 0.01)
+    """[m/s, rad/s] standard deviation of the odometry of one sample: forward speed, yaw rate."""
+    measurement_sd: PositiveFloat = 0.05
+    """[m] standard deviation of a point in the pose update beside what the filters of both robots claim."""
+    unheard_sd: tuple[NonNegativeFloat, NonNegativeFloat] = (0.1, 0.2)
+    """[m/s, rad/s] how far the other robot's velocity may be from the last one heard while no message comes."""
+
+
+BuiltIn = CascadeConfig | InverseDepthConfig | MapAlignmentConfig
+"""Configuration of any built-in estimator."""
+
+EstimatorConfig = Annotated[BuiltIn, Field(discriminator="kind")]
+"""The same in a configuration file, told apart by `kind`."""
+
+PRESETS: Mapping[str, BuiltIn] = MappingProxyType(
     {
         "cascade": CascadeConfig(),
         "cascade-critical": CascadeConfig(damping="critical", measurement="depth", process="odometry"),
+        "inverse-depth": InverseDepthConfig(),
         "map-alignment": MapAlignmentConfig(),
         "map-alignment-mocap": MapAlignmentConfig(
             image_noise=0.02,
@@ -171,10 +190,10 @@ PRESETS: Mapping[str, CascadeConfig | MapAlignmentConfig] = MappingProxyType(
 """The registry of names. Those that end in `mocap` and `commands` are for logs of real robots, by where their
 velocities come from; they suit cameras that give bearings alone."""
 
-_ADAPTER: TypeAdapter[CascadeConfig | MapAlignmentConfig] = TypeAdapter(EstimatorConfig)
+_ADAPTER: TypeAdapter[BuiltIn] = TypeAdapter(EstimatorConfig)
 
 
-def from_mapping(data: Mapping[str, Any]) -> CascadeConfig | MapAlignmentConfig:
+def from_mapping(data: Mapping[str, Any]) -> BuiltIn:
     """Return the configuration that `data` (plain data with a `kind`) describes."""
     kinds: list[str] = sorted({preset.kind for preset in PRESETS.values()})
     if data.get("kind") not in kinds:

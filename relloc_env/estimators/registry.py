@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
-from relloc_env.estimators.config import PRESETS, CascadeConfig, MapAlignmentConfig, from_mapping, suggest
+from relloc_env.estimators.config import PRESETS, BuiltIn, CascadeConfig, InverseDepthConfig, from_mapping, suggest
 from relloc_env.estimators.protocol import Estimator
 
 
@@ -12,9 +12,7 @@ def names() -> list[str]:
     return sorted(PRESETS)
 
 
-def resolve(
-    estimator: str | CascadeConfig | MapAlignmentConfig | Mapping[str, Any],
-) -> CascadeConfig | MapAlignmentConfig:
+def resolve(estimator: str | BuiltIn | Mapping[str, Any]) -> BuiltIn:
     """Return the configuration behind a name, a configuration, or plain data with a `kind`."""
     if isinstance(estimator, str):
         if estimator not in PRESETS:
@@ -23,7 +21,7 @@ def resolve(
                 f"{suggest(estimator, names())}"
             )
         return PRESETS[estimator]
-    if isinstance(estimator, CascadeConfig | MapAlignmentConfig):
+    if isinstance(estimator, BuiltIn):
         return estimator
     if isinstance(estimator, Mapping):
         return from_mapping(estimator)
@@ -33,7 +31,7 @@ def resolve(
 
 
 def make(
-    estimator: str | CascadeConfig | MapAlignmentConfig | Mapping[str, Any],
+    estimator: str | BuiltIn | Mapping[str, Any],
     num_envs: int,
     robots: int,
     points: int,
@@ -63,6 +61,10 @@ def make(
         from relloc_env.estimators.cascade import Cascade
 
         return Cascade(num_envs, robots, points, config, message_window=message_window)
+    if isinstance(config, InverseDepthConfig):
+        from relloc_env.estimators.inverse_depth import InverseDepth
+
+        return InverseDepth(num_envs, robots, points, config, message_window=message_window)
     from relloc_env.estimators.map_alignment import MapAlignment
 
     return MapAlignment(num_envs, robots, points, config, message_window=message_window)
