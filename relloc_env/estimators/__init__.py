@@ -1,6 +1,13 @@
 """Estimators: what a robot makes of what it sees and is told."""
 
-from relloc_env.estimators.config import PRESETS, CascadeConfig, EstimatorConfig, InverseDepthConfig, MapAlignmentConfig
+from relloc_env.estimators.config import (
+    PRESETS,
+    CascadeConfig,
+    EstimatorConfig,
+    InverseDepthConfig,
+    MapAlignmentConfig,
+    OwnConfig,
+)
 from relloc_env.estimators.protocol import Estimator
 from relloc_env.estimators.registry import make, names, resolve
 
@@ -11,6 +18,7 @@ __all__ = [
     "EstimatorConfig",
     "InverseDepthConfig",
     "MapAlignmentConfig",
+    "OwnConfig",
     "make",
     "names",
     "resolve",

@@ -9,10 +9,11 @@ from typing import Any
 from relloc_env.config import load_config
 from relloc_env.envs.onboard import informed
 from relloc_env.estimators import PRESETS, CascadeConfig, resolve
-from relloc_env.estimators.config import BuiltIn
+from relloc_env.estimators.config import AnyConfig
+from relloc_env.estimators.registry import Factory
 from relloc_env.logs.source import Log
 
-Config = BuiltIn
+Config = AnyConfig
 _Table = Mapping[tuple[str, str], Mapping[str, Any]]
 
 _CASCADE: _Table = {
@@ -38,7 +39,7 @@ _MAP_ALIGNMENT: _Table = {
 _TABLES = {"cascade": _CASCADE, "inverse-depth": _INVERSE_DEPTH, "map-alignment": _MAP_ALIGNMENT}
 
 
-def configure(log: Log, estimator: str | Config | Mapping[str, Any], pose_model: str | None = None) -> Config:
+def configure(log: Log, estimator: str | Config | Mapping[str, Any] | Factory, pose_model: str | None = None) -> Config:
     """Return the configuration of an estimator for a log.
 
     Args:
@@ -50,7 +51,9 @@ def configure(log: Log, estimator: str | Config | Mapping[str, Any], pose_model:
     if isinstance(estimator, str) and log.kind == "relloc" and log.configuration:
         config = informed(load_config(dict(log.configuration)), config)
     elif isinstance(estimator, str):
-        config = type(config)(**{**config.model_dump(), **_TABLES[config.kind].get((log.kind, log.velocity), {})})
+        config = type(config)(
+            **{**config.model_dump(), **_TABLES.get(config.kind, {}).get((log.kind, log.velocity), {})}
+        )
     if pose_model is not None:
         if not isinstance(config, CascadeConfig):
             raise ValueError(f"Argument `pose_model` must be left out for {config.kind}: it has one model of the pose")
