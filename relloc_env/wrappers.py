@@ -13,6 +13,7 @@ from relloc_env.envs.core import ROBOT_NAMES
 from relloc_env.envs.observation import observe, slices
 from relloc_env.envs.onboard import Onboard
 from relloc_env.envs.spaces import joint_slices, joint_space
+from relloc_env.estimators.own import is_estimator
 from relloc_env.kernels.lanes import width_of
 from relloc_env.logs.episode import LogWriter
 from relloc_env.samples import Estimate, Float32, Prior, copy_sample, empty_samples
@@ -28,7 +29,8 @@ class EstimateObservation(gym.Wrapper[Any, Any, Any, Any]):
 
     Args:
         env: a bare environment of this package.
-        estimator: a name, a configuration, or an object that follows `relloc_env.estimators.Estimator`.
+        estimator: a name, a configuration, a class or function that makes one or its place
+            (`relloc_env.estimators.OwnConfig`), or an object that follows `relloc_env.estimators.Estimator`.
 
     Raises:
         ConfigError: an environment that is not bare and flat, or an unknown estimator.
@@ -39,7 +41,7 @@ class EstimateObservation(gym.Wrapper[Any, Any, Any, Any]):
         inner = env.unwrapped
         if not isinstance(inner, RellocEnv) or not inner.core.bare or inner.config.observation != "flat":
             raise ConfigError("Argument `env` must be a flat environment of relloc_env with `estimator=None`")
-        own = estimator if hasattr(estimator, "update") and hasattr(estimator, "estimate") else None
+        own = estimator if is_estimator(estimator) else None
         # An estimator of the user's own is observed like any other: the built-in name only sets the layout.
         chosen = "cascade" if own is not None else estimator
         self._config = validate(

@@ -64,7 +64,10 @@ WRONG: dict[str, tuple[dict[str, Any], tuple[str, ...]]] = {
     "loss above one": ({"network": {"loss": 2}}, ("network.loss", "less than or equal to 1", "2")),
     "range below zero": ({"start": {"target_distance": (-3, 2)}}, ("start.target_distance.0", "or equal to 0", "-3")),
     "estimator without a kind": ({"estimator": {"h": 3.0}}, ("`estimator.kind`", "must be given", "is missing")),
-    "unknown kind": ({"estimator": {"kind": "casc"}}, ("`estimator.kind`", "'cascade', 'map-alignment'", "'casc'")),
+    "unknown kind": (
+        {"estimator": {"kind": "casc"}},
+        ("`estimator.kind`", "'cascade', 'inverse-depth', 'map-alignment'", "'casc'"),
+    ),
     "reversed range": ({"start": {"target_distance": (5, 2)}}, ("target_distance", "(least, greatest)", "(5, 2)")),
     "unknown reward": ({"reward": {"excitaton": 1.0}}, ("reward", "excitaton", "did you mean `excitation`")),
     "infinite weight": ({"reward": {"effort": math.inf}}, ("reward.effort", "finite", "inf")),

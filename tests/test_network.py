@@ -100,7 +100,7 @@ def test_rate_is_a_limit(rate: float, every: int) -> None:
 LOSSY = {"latency": 0.1, "jitter": 0.25, "loss": 0.3, "rate": 10.0}
 
 
-@pytest.mark.parametrize("estimator", ["cascade-critical", "map-alignment", None])
+@pytest.mark.parametrize("estimator", ["cascade-critical", "inverse-depth", "map-alignment", None])
 @pytest.mark.parametrize("network", [LOSSY, {}], ids=["lossy", "perfect"])
 def test_messages_tell_what_was_known_when_they_were_made(network: dict[str, Any], estimator: str | None) -> None:
     """60 samples: what A was told of B is what B observed itself `message_age` ago, and the other way round."""
@@ -135,7 +135,7 @@ def test_messages_tell_what_was_known_when_they_were_made(network: dict[str, Any
         assert set(ages) == {0}
 
 
-@pytest.mark.parametrize("estimator", ["cascade-critical", "map-alignment", None])
+@pytest.mark.parametrize("estimator", ["cascade-critical", "inverse-depth", "map-alignment", None])
 @pytest.mark.parametrize("network", [LOSSY, {}], ids=["lossy", "perfect"])
 def test_actions_of_many_samples_tell_the_same(network: dict[str, Any], estimator: str | None) -> None:
     """An action of five samples ends in the same observation as five actions of one, in what is told and reckoned."""

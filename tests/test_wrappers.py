@@ -22,7 +22,7 @@ NETWORKS: dict[str, dict[str, Any]] = {
 
 
 @pytest.mark.parametrize("network", NETWORKS)
-@pytest.mark.parametrize("estimator", ["cascade", "cascade-critical", "map-alignment"])
+@pytest.mark.parametrize("estimator", ["cascade", "cascade-critical", "inverse-depth", "map-alignment"])
 @pytest.mark.parametrize("name", IDS)
 def test_estimator_outside_is_the_estimator_inside(name: str, estimator: str, network: str) -> None:
     """Two episodes of 30 actions each, missed detections on: observations equal to the last bit."""

@@ -21,7 +21,7 @@ def validate(model: type[M], data: Any) -> M:
         raise ConfigError("\n".join(_explain(model, e) for e in error.errors())) from None
 
 
-_TAGS = ("disc", "box", "cascade", "map-alignment")
+_TAGS = ("disc", "box", "cascade", "inverse-depth", "map-alignment", "own")
 """Parts of pydantic's paths that say which of several configurations was tried."""
 
 
@@ -132,6 +132,8 @@ def load_config(config: EnvConfig | Mapping[str, Any] | str | Path | None = None
 
     if isinstance(config, EnvConfig):
         data: dict[str, Any] = {k: v for k, v in config.to_dict().items() if k in config.model_fields_set}
+        if config.estimator is not None and config.estimator.kind == "own":
+            data["estimator"] = config.estimator  # a function stays the one it is
     elif isinstance(config, str) and not config.endswith((".yaml", ".yml", ".json")):
         data = {"scenario": config}
     elif isinstance(config, str | Path):

@@ -246,8 +246,8 @@ REWARD_TERMS = (
 
 
 def _named_estimator(value: Any) -> Any:
-    """A name stands for its preset configuration."""
-    return resolve(value) if isinstance(value, str) else value
+    """A name stands for its preset configuration, a factory or its place for an estimator of the user's own."""
+    return resolve(value) if isinstance(value, str) or callable(value) else value
 
 
 def _sequence(value: Any) -> Any:
@@ -290,7 +290,8 @@ class EnvConfig(Model):
     success: tuple[Positive, Positive] = (0.05, 1.5)
     """[m, deg] standard deviation of depth or position, and of the heading, that count as success."""
     estimator: Annotated[EstimatorConfig | None, BeforeValidator(_named_estimator)] = "cascade-critical"  # type: ignore[assignment]
-    """name or configuration of the estimator; None for the bare environment."""
+    """name or configuration of the estimator, or the user's own (`relloc_env.estimators.OwnConfig`); None for the bare
+    environment."""
     reward: dict[str, Finite] | None = None
     """weight of each term; None for the default: information gained, less 0.02 for blocked samples."""
     bound: bool | None = None

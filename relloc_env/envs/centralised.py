@@ -52,8 +52,9 @@ class RellocEnv(gym.Env[Any, Any]):
 
     ## Arguments
     Any option of `relloc_env.config.EnvConfig` as a keyword; `config` takes a mapping, a YAML or JSON file, or the name
-    of a scenario; `estimator` a name, a configuration, None (bare), or an object that follows
-    `relloc_env.estimators.Estimator`; `render_mode` is None, "rgb_array" or "human".
+    of a scenario; `estimator` a name, a configuration, None (bare), your own as a class, a function or its place
+    (`relloc_env.estimators.OwnConfig`), or an object that follows `relloc_env.estimators.Estimator`; `render_mode` is
+    None, "rgb_array" or "human".
 
     Raises:
         ConfigError: an unknown option, or a value that cannot be.

@@ -12,6 +12,8 @@ from gymnasium import spaces
 
 from relloc_env.config import ConfigError, EnvConfig, load_config
 from relloc_env.envs.core import Core
+from relloc_env.estimators.config import OwnConfig
+from relloc_env.estimators.own import is_estimator
 from relloc_env.estimators.protocol import Estimator
 from relloc_env.samples import Float
 from relloc_env.simulation import OPTIONS, check_seed
@@ -31,19 +33,25 @@ def open_core(
     if isinstance(num_envs, bool) or not isinstance(num_envs, numbers.Integral) or num_envs < 1:
         raise ConfigError(f"Argument `num_envs` must be a positive integer, but is {num_envs!r}")
     if isinstance(estimator, str) and estimator == "default":
-        return Core(load_config(config, **options), num_envs, threads=threads)
-    if estimator is None or isinstance(estimator, str | Mapping) or hasattr(estimator, "model_dump"):
-        return Core(load_config(config, **options, estimator=estimator), num_envs, threads=threads)
-    if not all(hasattr(estimator, name) for name in ("reset", "update", "estimate")):
-        raise ConfigError(
-            "Argument `estimator` must be a name, a configuration, None, or follow `relloc_env.estimators.Estimator`, "
-            f"but is {type(estimator).__name__}"
-        )
+        return _core(load_config(config, **options), num_envs, threads)
+    if not is_estimator(estimator):
+        known = estimator is None or isinstance(estimator, str | Mapping) or hasattr(estimator, "model_dump")
+        if not (known or callable(estimator)):
+            raise ConfigError(
+                "Argument `estimator` must be a name, a configuration, a class or function that makes an estimator, "
+                f"None, or follow `relloc_env.estimators.Estimator`, but is {type(estimator).__name__}"
+            )
+        return _core(load_config(config, **options, estimator=estimator), num_envs, threads)
     own: Estimator = estimator
     complete = load_config(config, **options)
     if complete.estimator is None:  # the observation is laid out for an estimator where the configuration names one
         complete = load_config(complete, estimator="cascade")
     return Core(complete, num_envs, own)
+
+
+def _core(config: EnvConfig, num_envs: int, threads: int | None) -> Core:
+    """A core whose estimator, if it is the user's own, is called from one thread alone: it may not stand several."""
+    return Core(config, num_envs, threads=1 if isinstance(config.estimator, OwnConfig) else threads)
 
 
 def check_render_mode(mode: str | None, known: tuple[str, ...] = ("human", "rgb_array")) -> str | None:

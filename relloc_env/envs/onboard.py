@@ -9,7 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from relloc_env.config import EnvConfig
-from relloc_env.estimators.config import CascadeConfig, MapAlignmentConfig
+from relloc_env.estimators.config import AnyConfig, MapAlignmentConfig
+from relloc_env.estimators.own import check_estimator
 from relloc_env.estimators.protocol import Estimator
 from relloc_env.estimators.registry import make
 from relloc_env.kernels._compile import inlined, inner, kernel
@@ -188,6 +189,8 @@ class Onboard:
         p = len(self.pairs)
         if estimator is None and config.estimator is not None:
             estimator = make(informed(config), n, r, m, message_window=window)
+        elif estimator is not None:
+            check_estimator(estimator, n, r, m)
         self.estimator, self.bare = estimator, estimator is None
         self.estimate = _nothing(n, r, m, p) if estimator is None else estimator.estimate
         told = m * (BARE_POINT if self.bare else POINT) + MOTION
@@ -245,9 +248,7 @@ class Onboard:
             value[rows] = state[name]
 
 
-def informed(
-    config: EnvConfig, estimator: CascadeConfig | MapAlignmentConfig | None = None
-) -> CascadeConfig | MapAlignmentConfig:
+def informed(config: EnvConfig, estimator: AnyConfig | None = None) -> AnyConfig:
     """An estimator's configuration, which takes what is known of the robots' sensors where it does not state its own.
 
     Args:
@@ -264,7 +265,11 @@ def informed(
     }
     if isinstance(chosen, MapAlignmentConfig):
         known["camera_heights"] = tuple(config.camera_of(r).mount_height for r in range(config.robots))
-    unstated = {name: value for name, value in known.items() if name not in chosen.model_fields_set}
+    unstated = {
+        name: value
+        for name, value in known.items()
+        if name in type(chosen).model_fields and name not in chosen.model_fields_set
+    }
     return chosen.model_copy(update=unstated)
 
 

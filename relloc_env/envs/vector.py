@@ -49,7 +49,7 @@ class RellocVectorEnv(VectorEnv[Any, Any, Any]):
         info: which entries `info` has, of `relloc_env.envs.information.ENTRIES`; () is the fastest.
         copy: whether observations are fresh arrays; otherwise each call writes into those of the last one.
         threads: how many a large batch runs on, None for one a core; what comes out does not depend on it. An estimator
-            object of the user's own always runs on one.
+            of the user's own always runs on one.
 
     Raises:
         ConfigError: an unknown option, or a value that cannot be.

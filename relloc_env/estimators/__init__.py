@@ -1,6 +1,13 @@
 """Estimators: what a robot makes of what it sees and is told."""
 
-from relloc_env.estimators.config import PRESETS, CascadeConfig, EstimatorConfig, MapAlignmentConfig
+from relloc_env.estimators.config import (
+    PRESETS,
+    CascadeConfig,
+    EstimatorConfig,
+    InverseDepthConfig,
+    MapAlignmentConfig,
+    OwnConfig,
+)
 from relloc_env.estimators.protocol import Estimator
 from relloc_env.estimators.registry import make, names, resolve
 
@@ -9,7 +16,9 @@ __all__ = [
     "CascadeConfig",
     "Estimator",
     "EstimatorConfig",
+    "InverseDepthConfig",
     "MapAlignmentConfig",
+    "OwnConfig",
     "make",
     "names",
     "resolve",

@@ -5,7 +5,17 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, NonNegativeFloat, PositiveFloat, TypeAdapter, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    NonNegativeFloat,
+    PositiveFloat,
+    TypeAdapter,
+    field_serializer,
+    field_validator,
+    model_validator,
+)
 
 Gain = PositiveFloat | Annotated[tuple[PositiveFloat, ...], Field(min_length=1)]
 """One value for all robots, or one per robot."""
@@ -139,13 +149,72 @@ class MapAlignmentConfig(EstimatorOptions):
     """[-] an alignment ends where the next step promises to lower its cost J by less."""
 
 
-EstimatorConfig = Annotated[CascadeConfig | MapAlignmentConfig, Field(discriminator="kind")]
-"""Any built-in estimator's configuration, told apart by `kind`."""
+class InverseDepthConfig(EstimatorOptions):
+    """A Kalman filter of each point on its own, then a filter for the pose of each ordered pair: a simple baseline."""
 
-PRESETS: Mapping[str, CascadeConfig | MapAlignmentConfig] = MappingProxyType(
+    kind: Literal["inverse-depth"] = "inverse-depth"
+
+    image_noise: NonNegativeFloat = 0.003
+    """[-] standard deviation of normalised image coordinates."""
+    odometry_noise: tuple[NonNegativeFloat, NonNegativeFloat] = (0.01, 0.01)
+    """[m/s, rad/s] standard deviation of the odometry of one sample: forward speed, yaw rate."""
+    measurement_sd: PositiveFloat = 0.05
+    """[m] standard deviation of a point in the pose update beside what the filters of both robots claim."""
+    unheard_sd: tuple[NonNegativeFloat, NonNegativeFloat] = (0.1, 0.2)
+    """[m/s, rad/s] how far the other robot's velocity may be from the last one heard while no message comes."""
+
+
+class OwnConfig(EstimatorOptions):
+    """An estimator of the user's own, built by a class or function of theirs."""
+
+    kind: Literal["own"] = "own"
+
+    factory: Any
+    """Called as `factory(num_envs, robots, points, message_window=...)`; returns an `Estimator`. Or where it is:
+    `module:Name`, or `path/to/file.py:Name`; as plain data it is always that."""
+
+    @field_validator("factory")
+    @classmethod
+    def _leads_somewhere(cls, value: Any) -> Any:
+        if callable(value):
+            return value
+        place, _, name = value.rpartition(":") if isinstance(value, str) else ("", "", "")
+        if not (place and name):
+            raise ValueError(
+                "Argument `estimator.factory` must be a class, a function, 'module:Name' or 'path/to/file.py:Name', "
+                f"but is {value!r}"
+            )
+        return value
+
+    @field_serializer("factory", when_used="json")
+    def _as_path(self, value: Any) -> str:
+        return value if isinstance(value, str) else f"{value.__module__}:{_name(value)}"
+
+    @property
+    def name(self) -> str:
+        """What to call the estimator in results: the factory's name."""
+        return self.factory.rpartition(":")[2] if isinstance(self.factory, str) else _name(self.factory)
+
+
+def _name(factory: Any) -> str:
+    """Name of a class or function; of anything else that can be called, that of its class."""
+    return str(getattr(factory, "__qualname__", type(factory).__qualname__))
+
+
+BuiltIn = CascadeConfig | InverseDepthConfig | MapAlignmentConfig
+"""Configuration of any built-in estimator."""
+
+AnyConfig = BuiltIn | OwnConfig
+"""Configuration of any estimator."""
+
+EstimatorConfig = Annotated[AnyConfig, Field(discriminator="kind")]
+"""The same in a configuration file, told apart by `kind`."""
+
+PRESETS: Mapping[str, BuiltIn] = MappingProxyType(
     {
         "cascade": CascadeConfig(),
         "cascade-critical": CascadeConfig(damping="critical", measurement="depth", process="odometry"),
+        "inverse-depth": InverseDepthConfig(),
         "map-alignment": MapAlignmentConfig(),
         "map-alignment-mocap": MapAlignmentConfig(
             image_noise=0.02,
@@ -175,12 +244,12 @@ PRESETS: Mapping[str, CascadeConfig | MapAlignmentConfig] = MappingProxyType(
 """The registry of names. Those that end in `mocap` and `commands` are for logs of real robots, by where their
 velocities come from; they suit cameras that give bearings alone."""
 
-_ADAPTER: TypeAdapter[CascadeConfig | MapAlignmentConfig] = TypeAdapter(EstimatorConfig)
+_ADAPTER: TypeAdapter[AnyConfig] = TypeAdapter(EstimatorConfig)
 
 
-def from_mapping(data: Mapping[str, Any]) -> CascadeConfig | MapAlignmentConfig:
+def from_mapping(data: Mapping[str, Any]) -> AnyConfig:
     """Return the configuration that `data` (plain data with a `kind`) describes."""
-    kinds: list[str] = sorted({preset.kind for preset in PRESETS.values()})
+    kinds: list[str] = sorted({"own"} | {preset.kind for preset in PRESETS.values()})
     if data.get("kind") not in kinds:
         given = data.get("kind", "missing")
         raise ValueError(

@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from relloc_env.estimators import make
+from relloc_env.estimators import OwnConfig, make
+from relloc_env.estimators.registry import Factory
 from relloc_env.logs import Log, LogError, read_log, read_mrclam, read_starloc
 from relloc_env.logs.episode import HEADER
 from relloc_env.logs.starloc import DETECTIONS
@@ -227,7 +228,7 @@ def replay(
     start: float | None = None,
     stop: float | None = None,
     velocity: str | None = None,
-    estimator: str | Config | Mapping[str, Any] | Sequence[str] | None = None,
+    estimator: str | Config | Mapping[str, Any] | Factory | Sequence[str] | None = None,
     pose_model: str | None = None,
     initial_depth_error: float | None = None,
     initial_pose_error: tuple[float, float, float] | None = None,
@@ -238,8 +239,8 @@ def replay(
 
     Args:
         path, robots, start, stop, velocity: see `open_logs`.
-        estimator: one or several names, or a configuration; default: the best of the project's on this kind of log
-            and the paper's cascade beside it.
+        estimator: one or several names, a configuration, or your own (`relloc_env.estimators.OwnConfig`); default: the
+            best of the project's on this kind of log and the paper's cascade beside it.
         pose_model: "position", "velocity" or "printed": observation model of the cascade's pose filter.
         initial_depth_error: [m] the first depth guess is the truth plus this; default +1 for STAR-loc, as in the
             paper; without truth (MR.CLAM, by default) a guess of 3 ± 2 m. Own logs keep the prior they were made with.
@@ -264,7 +265,7 @@ def replay(
     total, done = len(chosen) * len(logs), 0
     for each in chosen:
         config = configure(logs[0], each, pose_model)
-        name = each if isinstance(each, str) else config.kind
+        name = config.name if isinstance(config, OwnConfig) else each if isinstance(each, str) else config.kind
         runs[name] = []
         for log in logs:
 

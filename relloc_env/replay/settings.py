@@ -8,19 +8,25 @@ from typing import Any
 
 from relloc_env.config import load_config
 from relloc_env.envs.onboard import informed
-from relloc_env.estimators import PRESETS, CascadeConfig, MapAlignmentConfig, resolve
+from relloc_env.estimators import PRESETS, CascadeConfig, resolve
+from relloc_env.estimators.config import AnyConfig
+from relloc_env.estimators.registry import Factory
 from relloc_env.logs.source import Log
 
-Config = CascadeConfig | MapAlignmentConfig
+Config = AnyConfig
+_Table = Mapping[tuple[str, str], Mapping[str, Any]]
 
-_CASCADE: Mapping[tuple[str, str], Mapping[str, Any]] = {
+_CASCADE: _Table = {
     # Bearings of about 4 frames a second, points remembered while out of view.
     ("mrclam", "commands"): {"image_noise": 0.02, "odometry_noise": (0.08, 0.16), "max_gap": 1.5, "use_unseen": True},
     ("mrclam", "mocap"): {"image_noise": 0.02, "odometry_noise": (0.01, 0.02), "max_gap": 1.5, "use_unseen": True},
     # Residuals of 5 to 10 pixels at a focal length of 1077.
     ("starloc", "mocap"): {"image_noise": 0.007, "odometry_noise": (0.01, 0.01), "max_gap": 1.5},
 }
-_MAP_ALIGNMENT: Mapping[tuple[str, str], Mapping[str, Any]] = {
+_INVERSE_DEPTH: _Table = {
+    key: {name: value[name] for name in ("image_noise", "odometry_noise")} for key, value in _CASCADE.items()
+}
+_MAP_ALIGNMENT: _Table = {
     # An alignment a second: with some four frames a second the maps change little between them.
     ("mrclam", "commands"): {**PRESETS["map-alignment-commands"].model_dump(), "align_every": 4},
     ("mrclam", "mocap"): {**PRESETS["map-alignment-mocap"].model_dump(), "align_every": 4},
@@ -30,9 +36,10 @@ _MAP_ALIGNMENT: Mapping[tuple[str, str], Mapping[str, Any]] = {
         "lateral_noise": 0.01,
     },
 }
+_TABLES = {"cascade": _CASCADE, "inverse-depth": _INVERSE_DEPTH, "map-alignment": _MAP_ALIGNMENT}
 
 
-def configure(log: Log, estimator: str | Config | Mapping[str, Any], pose_model: str | None = None) -> Config:
+def configure(log: Log, estimator: str | Config | Mapping[str, Any] | Factory, pose_model: str | None = None) -> Config:
     """Return the configuration of an estimator for a log.
 
     Args:
@@ -44,8 +51,9 @@ def configure(log: Log, estimator: str | Config | Mapping[str, Any], pose_model:
     if isinstance(estimator, str) and log.kind == "relloc" and log.configuration:
         config = informed(load_config(dict(log.configuration)), config)
     elif isinstance(estimator, str):
-        table = _CASCADE if isinstance(config, CascadeConfig) else _MAP_ALIGNMENT
-        config = type(config)(**{**config.model_dump(), **table.get((log.kind, log.velocity), {})})
+        config = type(config)(
+            **{**config.model_dump(), **_TABLES.get(config.kind, {}).get((log.kind, log.velocity), {})}
+        )
     if pose_model is not None:
         if not isinstance(config, CascadeConfig):
             raise ValueError(f"Argument `pose_model` must be left out for {config.kind}: it has one model of the pose")

@@ -18,7 +18,7 @@ def draw(rng: np.random.Generator) -> dict[str, Any]:
 
     return {
         "targets": pick(1, 2, 3, 7),
-        "estimator": pick("cascade", "cascade-critical", "map-alignment", None),
+        "estimator": pick("cascade", "cascade-critical", "inverse-depth", "map-alignment", None),
         "sample_rate": pick(5.0, 10.0, 20.0, 30.0, 50.0),
         "samples_per_action": pick(1, 2, 5, 13),
         "max_cycles": pick(1, 5, 60),

@@ -141,7 +141,7 @@ def test_one_robot_at_both_doors() -> None:
     assert parallel.agents == []
 
 
-@pytest.mark.parametrize("estimator", ["cascade", "cascade-critical", "map-alignment"])
+@pytest.mark.parametrize("estimator", ["cascade", "cascade-critical", "inverse-depth", "map-alignment"])
 def test_estimator_changes_nothing_in_the_world(estimator: str) -> None:
     """The same motion, images and messages with any estimator as without one."""
     bare = relloc_env.parallel_env({**ROUGH, "max_cycles": 60, "estimator": None})

@@ -143,7 +143,7 @@ def test_fields_of_the_bare_environment(samples_per_action: int) -> None:
         assert "errors" not in infos["robot_a"]
 
 
-@pytest.mark.parametrize("estimator", ["cascade", "cascade-critical", "map-alignment", None])
+@pytest.mark.parametrize("estimator", ["cascade", "cascade-critical", "inverse-depth", "map-alignment", None])
 @pytest.mark.parametrize("name", [SINGLE, PAIR])
 def test_observations_stay_finite_and_within_bounds(name: str, estimator: str | None) -> None:
     """Two episodes of 120 actions at random, without shield, among obstacles: bounds, and slices that cover it all."""

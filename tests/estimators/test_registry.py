@@ -13,7 +13,7 @@ from relloc_env.estimators.cascade import Cascade
 
 
 def test_names_resolve_to_their_presets():
-    assert {"cascade", "cascade-critical", "map-alignment"} <= set(names())
+    assert {"cascade", "cascade-critical", "inverse-depth", "map-alignment"} <= set(names())
     for name in names():
         assert resolve(name) is PRESETS[name]
         assert resolve(PRESETS[name]) is PRESETS[name]
@@ -23,7 +23,7 @@ def test_names_resolve_to_their_presets():
 def test_a_misspelt_name_gets_a_suggestion():
     with pytest.raises(ValueError, match=r"is 'cascade-critcal'\. Did you mean 'cascade-critical'"):
         resolve("cascade-critcal")
-    with pytest.raises(ValueError, match="Known: cascade, cascade-critical, map-alignment"):
+    with pytest.raises(ValueError, match="Known: cascade, cascade-critical, inverse-depth, map-alignment"):
         resolve("xyz")
     with pytest.raises(ValueError, match=r"is 'cascad'\. Did you mean 'cascade'"):
         resolve({"kind": "cascad"})

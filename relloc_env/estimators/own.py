@@ -1,0 +1,107 @@
+"""Estimators of the user's own: where a name leads, and a look at what was made before anything runs on it."""
+
+import importlib
+import importlib.util
+import operator
+import sys
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+
+from relloc_env.estimators.checks import check_array
+from relloc_env.estimators.config import OwnConfig
+from relloc_env.estimators.protocol import Estimator
+from relloc_env.samples import Estimate
+
+METHODS = ("reset", "update", "get_state", "set_state")
+
+
+def is_estimator(thing: object) -> bool:
+    """Whether `thing` is an estimator already made, rather than a class or function that makes one."""
+    return not isinstance(thing, type) and all(hasattr(thing, name) for name in ("reset", "update", "estimate"))
+
+
+def make_own(config: OwnConfig, num_envs: int, robots: int, points: int, message_window: int) -> Estimator:
+    """Call the factory behind a configuration, and check what it returns."""
+    factory = load(config.factory) if isinstance(config.factory, str) else config.factory
+    estimator: Estimator = factory(num_envs, robots, points, message_window=message_window)
+    check_estimator(estimator, num_envs, robots, points)
+    return estimator
+
+
+def load(path: str) -> Any:
+    """Return what `module:Name` or `path/to/file.py:Name` names.
+
+    Raises:
+        ValueError: a module or file that cannot be imported, or has no such name.
+    """
+    place, _, name = path.rpartition(":")
+    try:
+        module = _run_file(Path(place)) if place.endswith(".py") else importlib.import_module(place)
+        found = operator.attrgetter(name)(module)
+    except (ImportError, OSError, AttributeError) as error:
+        raise ValueError(
+            f"Argument `estimator` must lead to a class or function, but {path!r} does not: {error}"
+        ) from error
+    if not callable(found):
+        raise TypeError(
+            f"Argument `estimator` must lead to a class or function, but {path!r} is {type(found).__name__}"
+        )
+    return found
+
+
+def _run_file(path: Path) -> ModuleType:
+    """Import a file by its place, once in a process."""
+    name = str(path.resolve())
+    if name not in sys.modules:
+        spec = importlib.util.spec_from_file_location(name, path)
+        assert spec is not None
+        assert spec.loader is not None
+        module = importlib.util.module_from_spec(spec)
+        sys.modules[name] = module
+        try:
+            spec.loader.exec_module(module)
+        except BaseException:
+            del sys.modules[name]
+            raise
+    return sys.modules[name]
+
+
+def check_estimator(estimator: Estimator, num_envs: int, robots: int, points: int) -> None:
+    """Raise where an estimator has not the form of the protocol, or its estimate not the shapes for these numbers.
+
+    Raises:
+        TypeError: methods that are missing, or an `estimate` that is none.
+        ValueError: arrays of another shape or type, or made anew at each look.
+    """
+    missing = [name for name in METHODS if not callable(getattr(estimator, name, None))]
+    if missing:
+        raise TypeError(
+            "Argument `estimator` must follow `relloc_env.estimators.Estimator`, "
+            f"but {type(estimator).__name__} has no {', '.join(missing)}"
+        )
+    estimate = getattr(estimator, "estimate", None)
+    if not isinstance(estimate, Estimate):
+        raise TypeError(
+            "Argument `estimator` must have an `estimate` of type `relloc_env.samples.Estimate`, "
+            f"but it is {type(estimate).__name__}"
+        )
+    n, r, m, p = num_envs, robots, points, robots * (robots - 1)
+    shapes = {
+        "points": (n, r, m, 3),
+        "points_covariance": (n, r, m, 3, 3),
+        "known": (n, r, m),
+        "pose": (n, p, 3),
+        "pose_covariance": (n, p, 3, 3),
+    }
+    for name, shape in shapes.items():
+        array = getattr(estimate, name)
+        if not isinstance(array, np.ndarray):
+            raise TypeError(f"Argument `estimator.estimate.{name}` must be an array, but is {type(array).__name__}")
+        check_array(f"estimator.estimate.{name}", array, np.bool_ if name == "known" else np.float64, shape)
+    if any(one is not other for one, other in zip(estimate, estimator.estimate, strict=True)):
+        raise ValueError(
+            "Argument `estimator.estimate` must be live arrays, refreshed in place, but each look gives other ones"
+        )
