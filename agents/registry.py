@@ -6,6 +6,7 @@ from functools import partial
 
 from agents import scripted
 from agents.feedback import Edge
+from agents.planned import Planner
 from agents.policy import Policy, Task
 from relloc_env.estimators.own import load
 
@@ -28,7 +29,10 @@ AGENTS: Mapping[str, Callable[[Task], Policy]] = {
     "edge": Edge,
     "edge-near": partial(Edge, near=0.7, far=2.0),
 }
-"""What builds each agent from a task."""
+"""What builds each agent from a task: scripted and feedback laws."""
+
+PLANNED: Mapping[str, Callable[[Task], Policy]] = {"planner": Planner}
+"""Agents that plan: reported apart, with their cost."""
 
 
 def agent(name: str) -> Callable[[Task], Policy]:
@@ -40,11 +44,12 @@ def agent(name: str) -> Callable[[Task], Policy]:
     if ":" in name:
         build: Callable[[Task], Policy] = load(name)
         return build
-    if name not in AGENTS:
-        close = difflib.get_close_matches(name, AGENTS, n=1)
+    known = {**AGENTS, **PLANNED}
+    if name not in known:
+        close = difflib.get_close_matches(name, known, n=1)
         hint = f"; did you mean `{close[0]}`?" if close else ""
-        raise ValueError(f"Unknown agent `{name}`{hint} Known: {', '.join(AGENTS)}")
-    return AGENTS[name]
+        raise ValueError(f"Unknown agent `{name}`{hint} Known: {', '.join(known)}")
+    return known[name]
 
 
 def make(name: str, task: Task) -> Policy:
