@@ -145,7 +145,9 @@ class Planner:
         best, best_value = mean, np.full(self._n, -np.inf)
         few = max(2, round(self.ELITE * self._samples))
         for _ in range(self._iterations):
-            plans = mean[:, None] + spread[:, None] * self._stream.standard_normal((self._n, self._samples, *mean.shape[1:]))
+            plans = mean[:, None] + spread[:, None] * self._stream.standard_normal(
+                (self._n, self._samples, *mean.shape[1:])
+            )
             plans[:, 0] = best
             np.clip(plans, -1.0, 1.0, out=plans)
             value = self.value(plans)

@@ -4,8 +4,11 @@ import numpy as np
 
 from relloc_env.config import EnvConfig
 from relloc_env.envs.core import Core
-from relloc_env.samples import Bool, Float, Rows
+from relloc_env.metrics import wrap
+from relloc_env.samples import Bool, Estimate, Float, Rows
 
+UNSEEN_SD = 100.0
+"""[m] what is known of a point that nobody has seen."""
 AWAY = 1e3
 """[m] where points are put of which nothing is known: nobody sees them."""
 _MOVING = ("pose", "velocity", "wheels", "command", "points", "visible", "blocked")
@@ -55,6 +58,46 @@ class BeliefModel:
         world.pose[every] = np.repeat(poses[rows], self.copies, axis=0)
         world.points[every] = np.repeat(_away(points[rows]), self.copies, axis=0)
 
+    def inform(self, estimate: Estimate) -> None:
+        """Take over the covariances of an estimate as the bound, each for itself: what ties them is not in it.
+
+        Points are those of robot A, the pose that of each other robot in {A}; worlds must be as it believes them.
+        """
+        core, copies = self.core, self.copies
+        world, bound = core.simulation.world, core.score.bound
+        pose, points = world.pose[::copies], world.points[::copies]
+        cos, sin = np.cos(pose[:, 0, 2]), np.sin(pose[:, 0, 2])
+        turn = np.zeros((self.num_envs, 3, 3))
+        turn[:, 0, 0], turn[:, 0, 1], turn[:, 1, 0], turn[:, 1, 1], turn[:, 2, 2] = cos, -sin, sin, cos, 1.0
+        count, every = points.shape[1], np.zeros((self.num_envs, *bound.shape[1:]))
+        for i in range(count):
+            beta, eta, rho = np.moveaxis(estimate.points[:, 0, i], -1, 0)
+            r = 1.0 / np.maximum(rho, 1e-3)
+            zero = np.zeros_like(r)
+            by = np.stack(
+                [
+                    np.stack([-r * np.sin(beta), zero, -r * r * np.cos(beta)], -1),
+                    np.stack([r * np.cos(beta), zero, -r * r * np.sin(beta)], -1),
+                    np.stack([zero, r, -r * r * eta], -1),
+                ],
+                1,
+            )
+            by = turn @ by
+            known = estimate.known[:, 0, i, None, None]
+            wide = UNSEEN_SD**2 * np.eye(3)
+            part = slice(3 * i, 3 * i + 3)
+            every[:, part, part] = np.where(
+                known, by @ estimate.points_covariance[:, 0, i] @ np.swapaxes(by, 1, 2), wide
+            )
+        for k in range(1, pose.shape[1]):
+            # R δr = rho + J r theta: the twist from the pose's error.
+            by = turn.copy()
+            by[:, 0, 2], by[:, 1, 2] = pose[:, k, 1], -pose[:, k, 0]
+            t = 3 * (count + k - 1)
+            every[:, t : t + 3, t : t + 3] = by @ estimate.pose_covariance[:, k - 1] @ np.swapaxes(by, 1, 2)
+        _spread(every, bound, copies)
+        core.score.sighted[:] = np.repeat(estimate.known, copies, axis=0)
+
     def branch(self, other: "BeliefModel") -> None:
         """Put all copies into the state of another model's beliefs, which have one copy each."""
         mine, theirs = self.core, other.core
@@ -89,6 +132,27 @@ class BeliefModel:
     def _each(self, rows: Rows) -> Rows:
         """Indices of the worlds of some beliefs."""
         return (rows[:, None] * self.copies + np.arange(self.copies)).ravel()
+
+
+def believed_places(estimate: Estimate, heights: Float) -> tuple[Float, Float]:
+    """Poses [m, m, rad] (N, R, 3) and points [m] (N, M, 3) of an estimate, robot A at the origin.
+
+    Args:
+        estimate: of N environments.
+        heights: [m] (R,) of the cameras.
+    """
+    n, robots = estimate.known.shape[:2]
+    poses = np.zeros((n, robots, 3))
+    poses[:, 1:] = estimate.pose[:, : robots - 1]
+    points = np.full((n, estimate.known.shape[2], 3), np.nan)
+    for r in range(robots):
+        beta, eta, rho = np.moveaxis(estimate.points[:, r], -1, 0)
+        distance, angle = 1.0 / np.maximum(rho, 1e-2), beta + wrap(poses[:, r, 2])[:, None]
+        x, y = (poses[:, r, j, None] + distance * part(angle) for j, part in ((0, np.cos), (1, np.sin)))
+        placed = np.stack([x, y, heights[r] + eta * distance], axis=-1)
+        take = estimate.known[:, r] & np.isnan(points[..., 0])
+        points = np.where(take[..., None], placed, points)
+    return poses, points
 
 
 def _away(points: Float) -> Float:

@@ -3,7 +3,7 @@
 import numbers
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from gymnasium import spaces
@@ -25,7 +25,10 @@ from relloc_env.envs.door import (
 from relloc_env.envs.information import ENTRIES, Information, check_entries
 from relloc_env.envs.picture import Picture
 from relloc_env.envs.spaces import joint_form, joint_slices, joint_space, many
-from relloc_env.samples import Bool, Float32, Rows
+from relloc_env.samples import Bool, Estimate, Float32, Rows
+
+if TYPE_CHECKING:
+    from relloc_env.envs.belief import BeliefModel
 
 Seeds = int | Sequence[int | None] | NDArray[np.integer[Any]] | None
 Which = NDArray[np.bool_] | NDArray[np.int64] | Sequence[int] | int | None
@@ -287,6 +290,29 @@ class RellocVectorEnv(VectorEnv[Any, Any, Any]):
         if not same_streams:
             other.reseed(seed)
         return other
+
+    def from_belief(self, estimate: Estimate, copies: int) -> "BeliefModel":
+        """Branch what the robots believe: `copies` worlds for each environment, as an estimate has them.
+
+        `clone` has the truth; these have robot A at the origin, the others and the points where they are believed to
+        be, no walls or obstacles, and the estimate's covariances as the bound, without what ties them together.
+
+        Args:
+            estimate: of the N environments, such as `core.onboard.estimate`.
+            copies: worlds of each.
+        """
+        from relloc_env.envs.belief import BeliefModel, believed_places
+
+        if not isinstance(copies, numbers.Integral) or isinstance(copies, bool) or copies < 1:
+            raise ValueError(f"Argument `copies` must be an integer of at least 1, but is {copies!r}")
+        shape = (self.num_envs, self.config.robots, self.config.targets)
+        if estimate.known.shape != shape:
+            raise ValueError(f"Argument `estimate` must be of {shape} points, but is of {estimate.known.shape}")
+        heights = np.array([self.config.camera_of(r).mount_height for r in range(self.config.robots)])
+        model = BeliefModel(self.config, self.num_envs, int(copies), self._threads)
+        model.start(*believed_places(estimate, heights), self.core.everyone)
+        model.inform(estimate)
+        return model
 
     def _follow(self, new: Rows, *, moved: bool = False) -> None:
         """Note where robots went, for pictures: an episode of `new` starts; the others have moved or not."""

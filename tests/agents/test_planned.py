@@ -1,0 +1,71 @@
+"""The planner: it sees what is observed, improves its plan, and gains more than a script."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+import relloc_env
+from agents.planned import Planner, believed
+from agents.playing import play
+from agents.policy import Task
+from agents.registry import agent
+from relloc_env.config import load_config
+from relloc_env.envs.belief import believed_places
+
+assert relloc_env
+
+
+@pytest.mark.parametrize("robots", [1, 2])
+def test_what_is_observed_is_what_is_believed(robots: int) -> None:
+    """From an observation after some motion: the estimate itself, in the axes of robot A's dead reckoning."""
+    name = "relloc_env/RelativePose-v0" if robots == 2 else "relloc_env/ActiveDepth-v0"
+    envs = gym.make_vec(name, num_envs=6, estimator="cascade")
+    task, core = Task.of(envs), envs.unwrapped.core
+    observations, _ = envs.reset(seed=4)
+    for _ in range(8):
+        observations = envs.step(np.tile(np.float32([0.7, 0.3] * robots), (6, 1)))[0]
+    poses, points = believed(task, task.rows(observations))
+    heights = np.full(robots, envs.unwrapped.config.camera_of(0).mount_height)
+    expected_poses, expected_points = believed_places(core.onboard.estimate, heights)
+    own = core.onboard.memory.dead_reckoning[:, 0]
+    cos, sin = np.cos(own[:, 2])[:, None], np.sin(own[:, 2])[:, None]
+    for got, expected in ((poses, expected_poses), (points, expected_points)):
+        x = own[:, None, 0] + cos * expected[..., 0] - sin * expected[..., 1]
+        y = own[:, None, 1] + sin * expected[..., 0] + cos * expected[..., 1]
+        near = np.hypot(expected[..., 0], expected[..., 1]) < 15.0  # further ones are drawn in
+        assert_allclose(got[..., 0][near], x[near], atol=1e-4)
+        assert_allclose(got[..., 1][near], y[near], atol=1e-4)
+    assert_allclose(np.cos(poses[..., 2] - own[:, None, 2]), np.cos(expected_poses[..., 2]), atol=1e-5)
+
+
+def test_a_plan_is_never_worse_than_the_one_before_it() -> None:
+    """The best plan found has at least the value of any that the planner starts from."""
+    envs = gym.make_vec("relloc_env/RelativePose-v0", num_envs=3, estimator="cascade")
+    task = Task.of(envs)
+    planner = Planner(task, horizon=2.0, knots=3, samples=12, iterations=2)
+    planner.reset(3, 0)
+    observations, _ = envs.reset(seed=1)
+    planner.act(task.rows(observations))
+    start = np.zeros((3, 12, 3, 2, 2))
+    start[..., 0] = 0.8
+    chosen = np.repeat(planner._plan[:, None], 12, axis=1)
+    assert np.all(planner.value(chosen)[:, 0] >= planner.value(start)[:, 0])
+
+
+def test_plans_beat_driving_straight() -> None:
+    """Paired, J at the end of six episodes of 10 s."""
+    config = load_config(None, estimator="cascade", max_cycles=40)
+    seeds = range(1_000_000, 1_000_006)
+    straight, _ = play(config, agent("straight"), seeds, threads=1)
+    planned, _ = play(config, lambda task: Planner(task, horizon=3.0, knots=3, samples=16), seeds, threads=1)
+    assert np.mean(planned["information_end"] - straight["information_end"]) > 0.1
+
+
+def test_the_same_seed_gives_the_same_plans() -> None:
+    config = load_config(None, estimator="cascade", max_cycles=6)
+    found = [
+        play(config, lambda task: Planner(task, horizon=1.0, knots=3, samples=8), [3, 4], threads=1)[1]["ways"]
+        for _ in range(2)
+    ]
+    assert np.array_equal(*found)
