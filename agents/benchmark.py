@@ -152,10 +152,17 @@ class _Clock:
 
     def __init__(self, policy: Any) -> None:
         self._policy, self.seconds, self.actions = policy, 0.0, 0
+        self.knows_truth = getattr(policy, "knows_truth", False)
 
     def reset(self, n: int, seed: int) -> None:
         """As the other."""
         self._policy.reset(n, seed)
+
+    def see(self, poses: Any, points: Any) -> None:
+        """As the other."""
+        start = time.perf_counter()
+        self._policy.see(poses, points)
+        self.seconds += time.perf_counter() - start
 
     def act(self, observations: Any) -> Any:
         """As the other."""

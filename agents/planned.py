@@ -1,15 +1,16 @@
 """Plans: sampling model-predictive control over the environment's own model, from what the robots believe.
 
-One planner for all robots (they tell each other everything): each second it draws sequences of actions, plays them in
-worlds as believed (`relloc_env.envs.belief`), and keeps to the best until the next one. The cross-entropy method
-(R. Rubinstein, "The cross-entropy method for combinatorial and continuous optimization", 1999) with the plan of before
-as its start.
+One planner for all robots (they tell each other everything): each second it tries sequences of actions in worlds as
+believed (`relloc_env.envs.belief`), and keeps to the best until the next one (`agents.search`). Beside it the open-loop
+optimum, which is told the truth and says so.
 """
+
+from typing import Any
 
 import numpy as np
 
 from agents.policy import Task
-from relloc_env.envs.belief import BeliefModel
+from agents.search import Search, SearchOptions, interpolation
 from relloc_env.envs.onboard import POINT
 from relloc_env.metrics import wrap
 from relloc_env.samples import Bool, Float, Float32, Rows
@@ -58,125 +59,117 @@ def _placed(task: Task, robot: int, pose: Float, fields: Float) -> Float:
 
 
 class Planner:
-    """Sampling model-predictive control by the cross-entropy method.
+    """Sampling model-predictive control from the estimated state.
 
     Args:
         task: what the robots know of themselves.
-        horizon: [s] how far a plan looks.
-        knots: in a plan: between two knots actions are interpolated.
-        samples: plans that are tried at a time.
-        iterations: times that plans are drawn around the best of before.
-        every: [s] between two plans.
-        mean_weight: [-] part of the time-mean of J in the objective; the rest is J at the end of the horizon.
-        blocked_weight: [nats] cost of a whole horizon in which the shield holds a robot.
         threads: as for `RellocVectorEnv`.
+        options: of `SearchOptions`.
     """
 
-    ELITE = 0.12
-    """Share of the plans around which the next ones are drawn."""
-    SPREAD = (0.8, 0.15)
-    """[-] first and least standard deviation of a knot."""
-
-    def __init__(
-        self,
-        task: Task,
-        horizon: float = 6.0,
-        knots: int = 5,
-        samples: int = 48,
-        iterations: int = 3,
-        every: float = 1.0,
-        mean_weight: float = 0.3,
-        blocked_weight: float = 0.5,
-        threads: int | None = 1,
-    ) -> None:
-        self._task, self._samples, self._iterations, self._threads = task, samples, iterations, threads
-        self._steps = max(1, round(horizon / task.action_period))
-        self._every = max(1, round(every / task.action_period))
-        self._mean_weight, self._blocked_weight = mean_weight, blocked_weight
-        at = np.linspace(0.0, knots - 1.0, self._steps)
-        low = np.minimum(at.astype(np.int64), knots - 2)
-        self._basis = np.zeros((self._steps, knots))
-        self._basis[np.arange(self._steps), low] = 1.0 - (at - low)
-        self._basis[np.arange(self._steps), low + 1] = at - low
-        self._knots = knots
-        self._n = 0
+    def __init__(self, task: Task, *, threads: int | None = 1, **options: Any) -> None:
+        self._task, self._threads, self._options = task, threads, SearchOptions(**options)
 
     def reset(self, n: int, seed: int) -> None:
-        """Make the models, one for what has been done and one for what might be."""
-        if n != self._n and n:
-            self._now = BeliefModel(self._task.config, n, 1, self._threads)
-            self._tried = BeliefModel(self._task.config, n, self._samples, self._threads)
-        self._n = n
-        self._stream = np.random.default_rng(seed)
-        shape = (n, self._knots, self._task.robots, 2)
-        self._plan: Float = np.zeros(shape)
-        self._actions: Float = np.zeros((n, self._steps, *shape[2:]))
+        """Make the models of n beliefs."""
+        task = self._task
+        self._search = Search(task.config, n, seed, self._options, threads=self._threads)
+        self._actions: Float = np.zeros((n, self._search.steps, task.robots, 2))
+        self._last: Float = np.zeros((n, task.robots, 2))
         self._done: Rows = np.zeros(n, np.int64)
         self._running: Bool = np.zeros(n, np.bool_)
 
     def act(self, observations: Float32) -> Float:
-        """Keep to the plan; make a new one where it is time to."""
-        task, rows = self._task, np.arange(self._n)
-        started = (task.time(observations) == 0.0) | ~self._running
-        poses, points = believed(task, observations)
+        """Keep to the plan; make new ones where it is time to."""
+        search, rows = self._search, np.arange(len(observations))
+        started = (self._task.time(observations) == 0.0) | ~self._running
+        poses, points = believed(self._task, observations)
         if not started.all():
-            self._now.core.step(np.ascontiguousarray(self._last), rows[~started])
-            self._now.believe(poses, points, rows[~started])
+            search.now.core.step(self._last, rows[~started])
+            search.now.believe(poses, points, rows[~started])
         if started.any():
-            self._now.start(poses, points, rows[started])
-            self._plan[started] = 0.0
-            self._plan[started, ..., 0] = 0.8
-            self._done[started] = self._every
-            self._running[started] = True
-        if (self._done >= self._every).any():
-            self._replan()
-        chosen: Float = self._actions[rows, np.minimum(self._done, self._steps - 1)]
+            search.start(poses, points, rows[started])
+            self._running[started], self._done[started] = True, search.every
+        if (self._done >= search.every).any():
+            self._actions = search.actions()
+            self._done[:] = 0
+        self._last = self._actions[rows, np.minimum(self._done, search.steps - 1)]
         self._done += 1
-        self._last = chosen.copy()
-        return chosen
+        return self._last.copy()
 
-    def _replan(self) -> None:
-        """Improve the plans of all, from the plan of before moved on in time."""
-        moved = np.minimum(np.linspace(0.0, self._knots - 1.0, self._knots) + self._passed(), self._knots - 1.0)
-        low = np.minimum(moved.astype(np.int64), self._knots - 2)
-        share = (moved - low)[:, None, None]
-        mean = (1.0 - share) * self._plan[:, low] + share * self._plan[:, low + 1]
-        spread = np.full(mean.shape, self.SPREAD[0])
-        best, best_value = mean, np.full(self._n, -np.inf)
-        few = max(2, round(self.ELITE * self._samples))
-        for _ in range(self._iterations):
-            plans = mean[:, None] + spread[:, None] * self._stream.standard_normal(
-                (self._n, self._samples, *mean.shape[1:])
-            )
-            plans[:, 0] = best
-            np.clip(plans, -1.0, 1.0, out=plans)
-            value = self.value(plans)
-            order = np.argsort(-value, axis=1)
-            elite = np.take_along_axis(plans, order[:, :few, None, None, None], axis=1)
-            mean, spread = elite.mean(axis=1), np.maximum(elite.std(axis=1), self.SPREAD[1])
-            top = np.take_along_axis(value, order[:, :1], axis=1)[:, 0]
-            better = top > best_value
-            best = np.where(better[:, None, None, None], elite[:, 0], best)
-            best_value = np.maximum(top, best_value)
-        self._plan = best
-        self._actions = np.einsum("tk,nkrd->ntrd", self._basis, best)
-        self._done[:] = 0
 
-    def _passed(self) -> float:
-        """Knots that go by between two plans."""
-        return self._every * (self._knots - 1.0) / max(1, self._steps - 1)
+class OpenLoop:
+    """The best sequence of actions that was found with the truth at hand: a near-upper bound, not for use.
 
-    def value(self, plans: Float) -> Float:
-        """Objective (N, S) of plans (N, S, knots, R, 2), played in worlds as believed."""
-        self._tried.branch(self._now)
-        total, held = np.zeros(plans.shape[:2]), np.zeros(plans.shape[:2])
-        for k in range(self._steps):
-            self._tried.step(np.einsum("k,nskrd->nsrd", self._basis[k], plans))
-            total += self._tried.information
-            held += self._tried.blocked
-        mean = total / self._steps
-        return (
-            self._mean_weight * mean
-            + (1.0 - self._mean_weight) * self._tried.information
-            - self._blocked_weight * held / self._steps
-        )
+    Plans of the planner, made in the real world without noise, put one behind the other; then a random search changes
+    stretches of the whole, and keeps what raises J at the end.
+
+    Args:
+        task: what the robots know of themselves.
+        rounds: of the random search.
+        knots: of a whole episode, in it.
+        threads: as for `RellocVectorEnv`.
+        options: of `SearchOptions`.
+    """
+
+    knows_truth = True
+
+    def __init__(
+        self, task: Task, *, rounds: int = 40, knots: int = 41, threads: int | None = 1, **options: Any
+    ) -> None:
+        self._task, self._rounds, self._knots = task, rounds, knots
+        self._threads, self._options = threads, SearchOptions(**options)
+
+    def reset(self, n: int, seed: int) -> None:
+        """Make ready for n episodes."""
+        self._n, self._seed, self._at = n, seed, 0
+
+    def see(self, poses: Float, points: Float) -> None:
+        """Take in the truth at the start of all episodes: [m, m, rad] (N, R, 3), [m] (N, M, 3); then search."""
+        task, rows = self._task, np.arange(self._n)
+        search = Search(task.config, self._n, self._seed, self._options, walls=True, threads=self._threads)
+        search.start(poses, points, rows)
+        length = task.config.max_cycles
+        actions: Float = np.zeros((self._n, length, task.robots, 2))
+        for k in range(0, length, search.every):
+            part = search.actions()[:, : search.every]
+            for j in range(min(search.every, length - k)):
+                actions[:, k + j] = part[:, j]
+                search.now.step(part[:, j])
+        self._actions = self._refined(search, actions, search.now.information[:, 0], poses, points)
+        self._at = 0
+
+    def _refined(self, search: Search, actions: Float, value: Float, poses: Float, points: Float) -> Float:
+        """Change stretches of the actions (N, T, R, 2) at random, where it raises J at the end."""
+        stream, tried, now = np.random.default_rng([self._seed, 1]), search.tried, search.now
+        length, samples, rows = actions.shape[1], self._options.samples, np.arange(self._n)
+        basis = interpolation(length, self._knots)
+        now.start(poses, points, rows)
+        for _ in range(self._rounds):
+            width = stream.integers(1, 6, (self._n, samples, 1))
+            first = stream.integers(1 - width, self._knots)
+            at = np.arange(self._knots)
+            where = (at >= first) & (at < first + width)
+            size = stream.choice([0.1, 0.3, 0.8], (self._n, samples, 1, 1, 1))
+            change = size * stream.standard_normal((self._n, samples, self._knots, *actions.shape[2:]))
+            change *= where[..., None, None]
+            change[:, 0] = 0.0
+            tried.branch(now)
+            plans = np.empty((self._n, samples, *actions.shape[2:]))
+            for k in range(length):
+                np.einsum("k,nskrd->nsrd", basis[k], change, out=plans)
+                plans += actions[:, None, k]
+                tried.step(np.clip(plans, -1.0, 1.0))
+            found = tried.information
+            best = found.argmax(axis=1)
+            better = found[rows, best] > value
+            value = np.where(better, found[rows, best], value)
+            added = np.einsum("tk,nkrd->ntrd", basis, change[rows, best])
+            actions = np.where(better[:, None, None, None], np.clip(actions + added, -1.0, 1.0), actions)
+        return actions
+
+    def act(self, observations: Float32) -> Float:  # noqa: ARG002 - that is what open loop means
+        """The next action of each sequence."""
+        chosen: Float = self._actions[:, self._at]
+        self._at += 1
+        return chosen.copy()

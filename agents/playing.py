@@ -84,6 +84,8 @@ def play(
     policy = build(task)
     policy.reset(len(seeds), int(seeds[0]))
     observations, _ = env.reset(seed=[int(seed) for seed in seeds])
+    if getattr(policy, "knows_truth", False):
+        policy.see(env.core.simulation.world.pose.copy(), env.core.simulation.world.points.copy())  # type: ignore[attr-defined]
     record = _Record(env, task)
     record.add()
     for k in range(config.max_cycles):

@@ -6,7 +6,7 @@ from functools import partial
 
 from agents import scripted
 from agents.feedback import Edge
-from agents.planned import Planner
+from agents.planned import OpenLoop, Planner
 from agents.policy import Policy, Task
 from relloc_env.estimators.own import load
 
@@ -31,8 +31,8 @@ AGENTS: Mapping[str, Callable[[Task], Policy]] = {
 }
 """What builds each agent from a task: scripted and feedback laws."""
 
-PLANNED: Mapping[str, Callable[[Task], Policy]] = {"planner": Planner}
-"""Agents that plan: reported apart, with their cost."""
+PLANNED: Mapping[str, Callable[[Task], Policy]] = {"planner": Planner, "open-loop-optimum": OpenLoop}
+"""Agents that plan, reported apart, with their cost; `open-loop-optimum` knows the truth."""
 
 
 def agent(name: str) -> Callable[[Task], Policy]:

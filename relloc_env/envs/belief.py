@@ -1,5 +1,7 @@
 """Worlds as the robots believe them to be: for planners, which must not see the truth."""
 
+from typing import Any
+
 import numpy as np
 
 from relloc_env.config import EnvConfig
@@ -15,10 +17,18 @@ _MOVING = ("pose", "velocity", "wheels", "command", "points", "visible", "blocke
 """Fields of `World` from which the motion goes on."""
 
 
-def believed_config(config: EnvConfig) -> EnvConfig:
-    """The same robots and cameras without an estimator, on an open floor: what stands on it is not known."""
-    changes = {"arena": None, "obstacles": [], "estimator": None, "bound": True, "poses": None, "points": None}
-    data = {**config.to_dict(), **changes, "network": {}, "terminate_on_success": False, "targets": config.targets}
+def believed_config(config: EnvConfig, *, walls: bool = False) -> EnvConfig:
+    """The same robots and cameras without an estimator; on an open floor, where what stands on it is not known."""
+    changes: dict[str, Any] = {
+        "estimator": None,
+        "bound": True,
+        "poses": None,
+        "points": None,
+        "terminate_on_success": False,
+    }
+    if not walls:
+        changes |= {"arena": None, "obstacles": []}
+    data = {**config.to_dict(), **changes, "network": {}, "targets": config.targets}
     return EnvConfig.model_validate({**data, "reward": {}, "start": {**data["start"], "in_view": False}})
 
 
@@ -33,11 +43,14 @@ class BeliefModel:
         num_envs: number N of beliefs.
         copies: how many worlds each belief has.
         threads: as for `RellocVectorEnv`.
+        walls: whether walls and obstacles are known; positions are the real ones then.
     """
 
-    def __init__(self, config: EnvConfig, num_envs: int, copies: int = 1, threads: int | None = None) -> None:
+    def __init__(
+        self, config: EnvConfig, num_envs: int, copies: int = 1, threads: int | None = None, *, walls: bool = False
+    ) -> None:
         self.num_envs, self.copies = num_envs, copies
-        self.core = Core(believed_config(config), num_envs * copies, None, threads)
+        self.core = Core(believed_config(config, walls=walls), num_envs * copies, None, threads)
 
     def start(self, poses: Float, points: Float, rows: Rows) -> None:
         """Begin the episodes of some beliefs anew, from the priors and a first image.
@@ -125,7 +138,7 @@ class BeliefModel:
 
     @property
     def poses(self) -> Float:
-        """[m, m, rad] (N, copies, R, 3)"""
+        """Of the robots, [m, m, rad] (N, copies, R, 3)."""
         pose: Float = self.core.simulation.world.pose
         return pose.reshape(self.num_envs, self.copies, *pose.shape[1:]).copy()
 
