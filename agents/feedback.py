@@ -24,15 +24,24 @@ class Edge:
         near, far: [m] distance to the nearest point at which it turns back, and goes ahead again.
         gain: [1/s]
         margin: [-] share of half the view, and of half the image height, that is made use of.
+        keep: how many points it cares for, the nearest at the start and at each reversal: many points are seldom all in
+            view from nearby. None: all.
     """
 
     PATIENCE = 4
     """Actions after a reversal before the next one."""
 
     def __init__(
-        self, task: Task, near: float = 1.0, far: float = 4.5, gain: float = 3.0, margin: float = 0.85
+        self,
+        task: Task,
+        near: float = 1.0,
+        far: float = 4.5,
+        gain: float = 3.0,
+        margin: float = 0.85,
+        keep: int | None = None,
     ) -> None:
         self._task, self._near, self._far, self._gain, self._margin = task, near, far, gain, margin
+        self._keep = task.targets if keep is None else min(keep, task.targets)
         self.reset(0, 0)
 
     def reset(self, n: int, seed: int) -> None:  # noqa: ARG002 - asked for by the interface
@@ -42,6 +51,7 @@ class Edge:
         self._side: Float = np.ones(shape)
         self._turned_at: Float = np.zeros(shape)
         self._since = np.zeros(shape, np.int64)
+        self._kept: Bool = np.ones((*shape, self._task.targets), np.bool_)
 
     def act(self, observations: Float32) -> Float:
         """Steer by the bearings, choose the way by the distances."""
@@ -50,7 +60,10 @@ class Edge:
         sine, cosine = points[..., SINE], points[..., COSINE]
         known = sine * sine + cosine * cosine > 0.5
         bearing = np.arctan2(sine, cosine)
-        self._begin(task.time(observations) == 0.0, bearing, known)
+        started = task.time(observations) == 0.0
+        self._choose_points(started[:, None] | (self._since == 0), points[..., INVERSE_RANGE], known)
+        known &= self._kept
+        self._begin(started, bearing, known)
         self._choose_way(observations, points, bearing, known)
         outermost = self._side * np.where(known, self._side[..., None] * bearing, -np.inf).max(axis=-1, initial=-np.inf)
         aim = self._side * self._margin * task.half_view
@@ -64,6 +77,14 @@ class Edge:
         side = np.where(known.any(axis=-1) & (far_left < -far_right), -1.0, 1.0)
         self._way[started], self._side[started] = 1.0, side[started]
         self._turned_at[started], self._since[started] = 0.0, self.PATIENCE
+
+    def _choose_points(self, anew: Bool, inverse_range: Float, known: Bool) -> None:
+        """Care for the nearest points, where it is time to choose."""
+        if self._keep < self._task.targets:
+            order = np.argsort(-np.where(known, inverse_range, -np.inf), axis=-1)
+            nearest = np.zeros_like(self._kept)
+            np.put_along_axis(nearest, order[..., : self._keep], True, axis=-1)
+            self._kept = np.where(anew[..., None], nearest, self._kept)
 
     def _choose_way(self, observations: Float32, points: Float, bearing: Float, known: Bool) -> None:
         task, some = self._task, known.any(axis=-1)

@@ -28,6 +28,8 @@ AGENTS: Mapping[str, Callable[[Task], Policy]] = {
     "random": scripted.RandomSmooth,
     "edge": Edge,
     "edge-near": partial(Edge, near=0.7, far=2.0),
+    "edge-two": partial(Edge, near=0.7, far=1.5, keep=2),
+    "edge-nearest": partial(Edge, near=0.6, far=2.0, keep=1),
 }
 """What builds each agent from a task: scripted and feedback laws."""
 
