@@ -16,7 +16,7 @@ from relloc_env.envs.core import ROBOT_NAMES
 from relloc_env.envs.door import check_actions, check_options, check_render_mode, check_seeds, check_state, open_core
 from relloc_env.envs.information import Information, check_entries
 from relloc_env.envs.picture import Picture
-from relloc_env.envs.spaces import joint_form, joint_space, robot_form, robot_space
+from relloc_env.envs.spaces import joint_form, joint_slices, joint_space, robot_form, robot_space
 from relloc_env.samples import Float32, Rows
 
 
@@ -75,6 +75,11 @@ class RellocVecEnv(VecEnv):
     def config(self) -> EnvConfig:
         """The configuration of all environments, complete."""
         return self.core.config
+
+    @property
+    def field_slices(self) -> dict[str, slice]:
+        """Where each named field is in a flat row."""
+        return self.core.slices if self.decentralised else joint_slices(self.config)
 
     def seed(self, seed: int | None = None) -> Sequence[int | None]:
         """Set the seeds of the next `reset`: of environment 0, the others take the next ones; returns each row's."""

@@ -237,3 +237,15 @@ def test_pictures() -> None:
     assert picture is not None
     assert picture.shape == (1080, 960, 3)
     env.close()
+
+
+@pytest.mark.parametrize("decentralised", [False, True])
+def test_fields_are_found_by_name(decentralised: bool) -> None:
+    envs = RellocVecEnv(2, decentralised=decentralised, estimator="cascade")
+    rows, slices = envs.reset(), envs.field_slices
+    assert sum(part.stop - part.start for part in slices.values()) == rows.shape[1]
+    envs.step(np.full((envs.num_envs, *envs.action_space.shape), 0.5, np.float32))
+    last = "last_action" if decentralised else "robot_b/last_action"
+    assert last in slices, list(slices)[:4]
+    rows, *_ = envs.step(np.full((envs.num_envs, *envs.action_space.shape), 0.25, np.float32))
+    assert np.all(rows[:, slices[last]] == 0.25)
