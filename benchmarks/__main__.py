@@ -41,6 +41,29 @@ def speed(
 
 
 @app.command()
+def map_reference(
+    out: Annotated[Path, typer.Option(help="Folder for map-reference.json.")] = Path("out/map-reference"),
+    runs: Annotated[int, typer.Option(min=1, help="Number of runs.")] = 20,
+    seconds: Annotated[float, typer.Option(min=1.0, help="Length of each [s].")] = 40.0,
+    seed: Annotated[int, typer.Option(min=0, help="Of everything random.")] = 0,
+) -> None:
+    """The posterior of whole episodes (extra: gtsam) beside map-alignment and the bound."""
+    try:
+        from benchmarks import map_reference as reference
+    except ModuleNotFoundError as error:
+        if error.name != "gtsam":
+            raise
+        _stop("The package `gtsam` is missing: pip install 'relloc-env[gtsam]'")
+    from benchmarks.report import progress
+
+    with progress() as tell:
+        results = reference.run(out, runs=runs, seconds=seconds, seed=seed, tell=tell)
+    console = Console()
+    console.print(reference.table(results))
+    console.print(f"Results: {out / 'map-reference.json'}")
+
+
+@app.command()
 def profile(
     out: Annotated[Path, typer.Option(help="Folder for profile.json.")] = Path("out/speed"),
     num_envs: Annotated[int, typer.Option(min=1, help="Environments in the batch.")] = 4096,
