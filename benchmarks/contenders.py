@@ -53,7 +53,7 @@ CONTENDERS = {
         Contender("with-info", ours.with_info, _OURS, "everything on, the truth in info as well", _BATCH),
         Contender("lossy-network", ours.lossy_network, _OURS, "everything on, messages late and lost", _BATCH),
         Contender("crowded", ours.crowded, _OURS, "everything on, ten times the contacts", _BATCH),
-        Contender("default", ours.default, _OURS, "default task, five samples an action", _BATCH, samples=5),
+        Contender("default", ours.default, _OURS, "default task, cascade, five samples an action", _BATCH, samples=5),
         Contender("cascade-critical", ours.critical, _OURS, "everything on, cascade-critical", _BATCH),
         Contender("map-alignment", ours.alignment, _OURS, "everything on, map-alignment", (256,)),
         Contender("sb3", ours.stable_baselines, _OURS, "everything on, Stable-Baselines3 VecEnv", _BATCH),

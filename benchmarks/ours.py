@@ -33,7 +33,7 @@ CROWDED: dict[str, Any] = {
 }
 """The same where about 10 % are."""
 DEFAULT: dict[str, Any] = {"estimator": "cascade"}
-"""The ids' default task: the information reward from the bound, an action held for five samples."""
+"""The ids' default task but for the estimator: the information reward, an action held for five samples."""
 
 STEADY = 20.0
 """Steps over which actions stay alike."""

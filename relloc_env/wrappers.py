@@ -36,7 +36,7 @@ class EstimateObservation(gym.Wrapper[Any, Any, Any, Any]):
         ConfigError: an environment that is not bare and flat, or an unknown estimator.
     """
 
-    def __init__(self, env: gym.Env[Any, Any], estimator: Any = "cascade-critical") -> None:
+    def __init__(self, env: gym.Env[Any, Any], estimator: Any = "map-alignment") -> None:
         super().__init__(env)
         inner = env.unwrapped
         if not isinstance(inner, RellocEnv) or not inner.core.bare or inner.config.observation != "flat":

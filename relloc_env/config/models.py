@@ -289,7 +289,7 @@ class EnvConfig(Model):
     """whether the episode ends once the bound is at `success`."""
     success: tuple[Positive, Positive] = (0.05, 1.5)
     """[m, deg] standard deviation of depth or position, and of the heading, that count as success."""
-    estimator: Annotated[EstimatorConfig | None, BeforeValidator(_named_estimator)] = "cascade-critical"  # type: ignore[assignment]
+    estimator: Annotated[EstimatorConfig | None, BeforeValidator(_named_estimator)] = "map-alignment"  # type: ignore[assignment]
     """name or configuration of the estimator, or the user's own (`relloc_env.estimators.OwnConfig`); None for the bare
     environment."""
     reward: dict[str, Finite] | None = None

@@ -215,7 +215,7 @@ PRESETS: Mapping[str, BuiltIn] = MappingProxyType(
         "cascade": CascadeConfig(),
         "cascade-critical": CascadeConfig(damping="critical", measurement="depth", process="odometry"),
         "inverse-depth": InverseDepthConfig(),
-        "map-alignment": MapAlignmentConfig(),
+        "map-alignment": MapAlignmentConfig(align_every="update"),
         "map-alignment-mocap": MapAlignmentConfig(
             image_noise=0.02,
             odometry_noise=(0.005, 0.005),
