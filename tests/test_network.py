@@ -135,9 +135,11 @@ def test_messages_tell_what_was_known_when_they_were_made(network: dict[str, Any
         assert set(ages) == {0}
 
 
-@pytest.mark.parametrize("estimator", ["cascade-critical", "inverse-depth", "map-alignment", None])
+@pytest.mark.parametrize(
+    "estimator", ["cascade-critical", "inverse-depth", {"kind": "map-alignment", "align_every": 1}, None], ids=str
+)
 @pytest.mark.parametrize("network", [LOSSY, {}], ids=["lossy", "perfect"])
-def test_actions_of_many_samples_tell_the_same(network: dict[str, Any], estimator: str | None) -> None:
+def test_actions_of_many_samples_tell_the_same(network: dict[str, Any], estimator: Any) -> None:
     """An action of five samples ends in the same observation as five actions of one, in what is told and reckoned."""
     rng = np.random.default_rng(2)
     options: dict[str, Any] = {"network": network, "estimator": estimator, "max_cycles": 1000}

@@ -158,7 +158,7 @@ def test_state_of_another_configuration_is_refused() -> None:
     joint.reset(seed=1)
     before = pickle.dumps(env.get_state())
     for options in (
-        {"targets": 3}, {"robots": 1}, {"estimator": "map-alignment"}, {"estimator": None}, {"samples_per_action": 1},
+        {"targets": 3}, {"robots": 1}, {"estimator": "cascade"}, {"estimator": None}, {"samples_per_action": 1},
     ):  # fmt: skip
         other = relloc_env.parallel_env(options)
         with pytest.raises(ValueError, match=r"Argument `state\['core'\].* must (be an array of|have the entries)"):
