@@ -160,6 +160,8 @@ class InverseDepthConfig(EstimatorOptions):
     """[m/s, rad/s] standard deviation of the odometry of one sample: forward speed, yaw rate."""
     measurement_sd: PositiveFloat = 0.05
     """[m] standard deviation of a point in the pose update beside what the filters of both robots claim."""
+    use_unseen: bool = False
+    """Whether remembered points (known, but not seen at that sample) take part in the pose update."""
     unheard_sd: tuple[NonNegativeFloat, NonNegativeFloat] = (0.1, 0.2)
     """[m/s, rad/s] how far the other robot's velocity may be from the last one heard while no message comes."""
 

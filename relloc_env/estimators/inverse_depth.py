@@ -102,8 +102,8 @@ class InverseDepth:
         if not self._filters.depth_sd[rows].all():
             raise RuntimeError("The estimator must be reset before it is updated: some of `rows` never were.")
         in_time = take_samples(
-            *samples, self._pairs, self._options, self._image_variance, self._filters, self._ring,
-            self._estimate.pose, self._estimate.pose_covariance, rows,
+            *samples, self._pairs, self._options, self._image_variance, self.config.use_unseen, self._filters,
+            self._ring, self._estimate.pose, self._estimate.pose_covariance, rows,
         )  # fmt: skip
         if not in_time:
             raise ValueError(

@@ -46,8 +46,9 @@ class Filters(NamedTuple):
 
 @kernel
 def take_samples(
-    period, odometry, image, seen, arrived, pairs, options, image_variance, filters, ring, pose, pose_covariance, rows
-):
+    period, odometry, image, seen, arrived, pairs, options, image_variance, use_unseen, filters, ring,
+    pose, pose_covariance, rows,
+):  # fmt: skip
     """Take all K samples of the environments `rows` in, in order, and refresh their poses.
 
     Args:
@@ -55,6 +56,7 @@ def take_samples(
         pairs: (P, 2) ordered pairs (observer, observed).
         options: (9,) float64, in the order of `anchors.FilterOptions`.
         image_variance: [-] of a normalised image coordinate.
+        use_unseen: whether remembered points take part in the pose update.
         filters, ring: Filters and `pose_filter.Ring`, changed in place.
         pose, pose_covariance: (N, P, 3), (N, P, 3, 3) poses at the last sample, written.
         rows: environments to work on.
@@ -85,7 +87,7 @@ def take_samples(
                         image_variance, work,
                     )  # fmt: skip
                     state, covariance = filters.state[n, r, i], filters.covariance[n, r, i]
-                    _to_plane(state, covariance, seen[n, k, r, i], ring.point[n, row, r, i])
+                    _to_plane(state, covariance, use_unseen or seen[n, k, r, i], ring.point[n, row, r, i])
             for p in range(pairs.shape[0]):
                 pf.listen(
                     t, lane, ring, n, p, pairs[p, 0], pairs[p, 1], filters.sample[n], arrived[n, k, p],
@@ -133,18 +135,18 @@ def _observe(filters, options, n, r, i, dt, odometry, image, seen, image_varianc
 
 
 @inner
-def _to_plane(state, covariance, seen, point):
+def _to_plane(state, covariance, wanted, point):
     """A point (beta, eta, rho) as q = u(beta)/rho in the plane of the body, with its covariance, first order.
 
     dq = J q dbeta - q/rho drho
 
     Args:
         state, covariance: (3,), (3, 3).
-        seen: whether it was seen in this sample; else it is not used for the pose.
+        wanted: whether it may be used for the pose, if it is known.
         point: (6,) written: q_x, q_y, their covariance xx, xy, yy, and whether it may be used.
     """
     beta, rho = state[0], state[2]
-    if not (seen and rho > LEAST_INVERSE_RANGE):
+    if not (wanted and rho > LEAST_INVERSE_RANGE):
         for i in range(an.POINT):
             point[i] = 0.0
         return

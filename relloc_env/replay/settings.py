@@ -24,7 +24,7 @@ _CASCADE: _Table = {
     ("starloc", "mocap"): {"image_noise": 0.007, "odometry_noise": (0.01, 0.01), "max_gap": 1.5},
 }
 _INVERSE_DEPTH: _Table = {
-    key: {name: value[name] for name in ("image_noise", "odometry_noise")} for key, value in _CASCADE.items()
+    key: {name: number for name, number in figures.items() if name != "max_gap"} for key, figures in _CASCADE.items()
 }
 _MAP_ALIGNMENT: _Table = {
     # An alignment a second: with some four frames a second the maps change little between them.

@@ -218,6 +218,19 @@ def test_without_messages_the_pose_is_predicted_only() -> None:
     assert (spread > 1.0).all()
 
 
+def test_robots_that_never_look_at_once_need_what_they_remember() -> None:
+    samples, _ = simulate(40, seed=10, seen=1.0)
+    samples.seen[:, ::2, 0] = samples.seen[:, 1::2, 1] = False
+    spread = []
+    for use_unseen in (False, True):
+        estimator = make(InverseDepthConfig(use_unseen=use_unseen), 1, 2, len(POINTS))
+        estimator.reset(prior(1), ROWS[:1])
+        estimator.update(samples, ROWS[:1])
+        spread.append(np.sqrt(estimator.estimate.pose_covariance[0, :, 2, 2]))
+    assert (spread[0] >= 1.0).all()
+    assert (spread[1] < 0.2).all()
+
+
 def test_a_bearing_alone_says_nothing_of_the_height() -> None:
     samples, _ = simulate(20, seed=8)
     samples.image[..., 1] = np.nan
