@@ -281,8 +281,9 @@ def load(out: Path) -> tuple[Asked, list[Result]]:
     path = out / ASKED
     if not path.exists():
         raise ValueError(f"Argument `out` must be a folder of `benchmark`, but {out} has no {ASKED}")
-    data = json.loads(path.read_text(encoding="utf-8"))
-    asked = Asked(**{name: tuple(v) if isinstance(v, list) else v for name, v in data.items()})
+    data: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    stated: dict[str, Any] = {name: tuple(v) if isinstance(v, list) else v for name, v in data.items()}
+    asked = Asked(**stated)
     return asked, [Result.load(out / job.file) for job in asked.jobs() if (out / job.file).exists()]
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from relloc_env.config import EnvConfig
 from relloc_env.envs.core import Core
 from relloc_env.metrics import wrap
-from relloc_env.samples import Bool, Estimate, Float, Rows
+from relloc_env.samples import Estimate, Float, Rows
 
 UNSEEN_SD = 100.0
 """[m] what is known of a point that nobody has seen."""
@@ -128,12 +128,13 @@ class BeliefModel:
         """J [nats] (N, copies): of the pair's pose; of the depths of a robot alone."""
         score = self.core.score
         found = score.pose_information if self.core.config.robots > 1 else score.depth_information[:, 0]
-        return found.reshape(self.num_envs, self.copies).copy()
+        gained: Float = found.reshape(self.num_envs, self.copies).copy()
+        return gained
 
     @property
     def blocked(self) -> Float:
         """Share of the last action during which the shield held a robot, (N, copies), mean over the robots."""
-        held = self.core.simulation.world.blocked.mean(axis=1) / self.core.config.samples_per_action
+        held: Float = self.core.simulation.world.blocked.mean(axis=1) / self.core.config.samples_per_action
         return held.reshape(self.num_envs, self.copies)
 
     @property
@@ -170,7 +171,7 @@ def believed_places(estimate: Estimate, heights: Float) -> tuple[Float, Float]:
 
 def _away(points: Float) -> Float:
     """Points with those that nothing is known of put far away, each elsewhere."""
-    unknown: Bool = ~np.isfinite(points).all(axis=-1)
+    unknown = np.isnan(points).any(axis=-1)
     found = points.copy()
     for i in range(points.shape[1]):
         found[unknown[:, i], i] = (AWAY, AWAY + 10.0 * i, 0.0)

@@ -1,6 +1,7 @@
 """Saved policies of Stable-Baselines3, trained on either door, do what Stable-Baselines3 says they do."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from agents.policy import Task
 from agents.registry import agent
 from relloc_env.config import load_config
 
-sb3 = pytest.importorskip("stable_baselines3")
+sb3: Any = pytest.importorskip("stable_baselines3")
 
 
 @pytest.mark.parametrize("shared", [False, True])
@@ -20,8 +21,8 @@ def test_acts_as_the_saved_policy_predicts(tmp_path: Path, algorithm: str, share
 
     from relloc_env.envs.sb3 import RellocVecEnv
 
-    options = {"estimator": "cascade", "max_cycles": 8}
-    envs = VecNormalize(RellocVecEnv(3, decentralised=shared, **options), norm_reward=False)
+    options: dict[str, Any] = {"estimator": "cascade", "max_cycles": 8}
+    envs: Any = VecNormalize(RellocVecEnv(3, decentralised=shared, **options), norm_reward=False)
     model = getattr(sb3, algorithm)("MlpPolicy", envs, seed=1, device="cpu", policy_kwargs={"net_arch": [8]})
     envs.reset()
     for _ in range(20):

@@ -1,22 +1,21 @@
 """Worlds as believed: where the belief is the truth they are the real ones, and they hold no more than the belief."""
 
-import gymnasium as gym
+from typing import Any
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-import relloc_env
 from relloc_env.envs.belief import BeliefModel, believed_places
+from relloc_env.envs.vector import RellocVectorEnv
 from relloc_env.samples import Estimate
 
-assert relloc_env
-
-OPTIONS = {"estimator": "cascade", "arena": None, "max_cycles": 20}
+OPTIONS: dict[str, Any] = {"estimator": "cascade", "arena": None, "max_cycles": 20}
 
 
-def true_estimate(envs) -> Estimate:
+def true_estimate(envs: RellocVectorEnv) -> Estimate:
     """The truth, told as an estimate."""
-    world, config = envs.unwrapped.core.simulation.world, envs.unwrapped.config
+    world, config = envs.core.simulation.world, envs.config
     n, robots = world.pose.shape[:2]
     m = world.points.shape[1]
     polar = np.zeros((n, robots, m, 3))
@@ -42,10 +41,10 @@ def true_estimate(envs) -> Estimate:
 @pytest.mark.parametrize("copies", [1, 3])
 def test_a_true_belief_gains_what_the_real_robots_gain(copies: int) -> None:
     """Started where the real ones are, and moved alike, the believed worlds reach the bound of the real ones."""
-    envs = gym.make_vec("relloc_env/RelativePose-v0", num_envs=4, **OPTIONS)
+    envs = RellocVectorEnv(4, **OPTIONS)
     envs.reset(seed=3)
-    core = envs.unwrapped.core
-    model = BeliefModel(envs.unwrapped.config, 4, copies, 1)
+    core = envs.core
+    model = BeliefModel(envs.config, 4, copies, 1)
     model.start(core.simulation.world.pose, core.simulation.world.points, np.arange(4))
     assert_allclose(model.information, np.repeat(core.score.pose_information[:, None], copies, 1), rtol=1e-9)
     rng = np.random.default_rng(1)
@@ -59,11 +58,11 @@ def test_a_true_belief_gains_what_the_real_robots_gain(copies: int) -> None:
 
 
 def test_an_estimate_is_put_where_it_says_and_known_as_well_as_it_claims() -> None:
-    envs = gym.make_vec("relloc_env/RelativePose-v0", num_envs=5, **OPTIONS)
+    envs = RellocVectorEnv(5, **OPTIONS)
     envs.reset(seed=8)
-    world = envs.unwrapped.core.simulation.world
+    world = envs.core.simulation.world
     estimate = true_estimate(envs)
-    model = envs.unwrapped.from_belief(estimate, 2)
+    model = envs.from_belief(estimate, 2)
     # J of the pair is -log det(P)/6 whatever the axes: that of the claimed covariance.
     expected = -np.linalg.slogdet(estimate.pose_covariance[:, 0])[1] / 6.0
     bound = model.core.score.bound[::2, 6:9, 6:9]
@@ -77,12 +76,12 @@ def test_an_estimate_is_put_where_it_says_and_known_as_well_as_it_claims() -> No
 
 
 def test_what_nobody_knows_is_out_of_sight_and_teaches_nothing() -> None:
-    envs = gym.make_vec("relloc_env/RelativePose-v0", num_envs=2, **OPTIONS)
+    envs = RellocVectorEnv(2, **OPTIONS)
     envs.reset(seed=1)
-    world = envs.unwrapped.core.simulation.world
+    world = envs.core.simulation.world
     points = world.points.copy()
     points[0] = np.nan
-    model = BeliefModel(envs.unwrapped.config, 2, 1, 1)
+    model = BeliefModel(envs.config, 2, 1, 1)
     model.start(world.pose, points, np.arange(2))
     before = model.information
     model.step(np.full((2, 1, 2, 2), 0.5))
@@ -91,13 +90,13 @@ def test_what_nobody_knows_is_out_of_sight_and_teaches_nothing() -> None:
 
 
 def test_branches_start_from_the_other_model_and_part() -> None:
-    envs = gym.make_vec("relloc_env/RelativePose-v0", num_envs=2, **OPTIONS)
+    envs = RellocVectorEnv(2, **OPTIONS)
     envs.reset(seed=2)
-    world = envs.unwrapped.core.simulation.world
-    now = BeliefModel(envs.unwrapped.config, 2, 1, 1)
+    world = envs.core.simulation.world
+    now = BeliefModel(envs.config, 2, 1, 1)
     now.start(world.pose, world.points, np.arange(2))
     now.step(np.full((2, 1, 2, 2), 0.4))
-    tried = BeliefModel(envs.unwrapped.config, 2, 3, 1)
+    tried = BeliefModel(envs.config, 2, 3, 1)
     tried.branch(now)
     assert_allclose(tried.information, np.repeat(now.information, 3, 1))
     actions = np.full((2, 3, 2, 2), 0.4)
@@ -109,11 +108,11 @@ def test_branches_start_from_the_other_model_and_part() -> None:
 
 
 def test_bad_input() -> None:
-    envs = gym.make_vec("relloc_env/RelativePose-v0", num_envs=2, **OPTIONS)
+    envs = RellocVectorEnv(2, **OPTIONS)
     envs.reset(seed=2)
     estimate = true_estimate(envs)
     with pytest.raises(ValueError, match="`copies` must be an integer"):
-        envs.unwrapped.from_belief(estimate, 0)
+        envs.from_belief(estimate, 0)
     with pytest.raises(ValueError, match="`estimate` must be of"):
-        envs.unwrapped.from_belief(Estimate(*(part[:1] for part in estimate)), 2)
+        envs.from_belief(Estimate._make(part[:1] for part in estimate), 2)
     assert believed_places(estimate, np.array([0.3, 0.3]))[1].shape == (2, 2, 3)

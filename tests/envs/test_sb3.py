@@ -241,7 +241,7 @@ def test_pictures() -> None:
 
 @pytest.mark.parametrize("decentralised", [False, True])
 def test_fields_are_found_by_name(decentralised: bool) -> None:
-    envs = RellocVecEnv(2, decentralised=decentralised, estimator="cascade")
+    envs: Any = RellocVecEnv(2, decentralised=decentralised, estimator="cascade")
     rows, slices = envs.reset(), envs.field_slices
     assert sum(part.stop - part.start for part in slices.values()) == rows.shape[1]
     envs.step(np.full((envs.num_envs, *envs.action_space.shape), 0.5, np.float32))
