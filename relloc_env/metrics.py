@@ -273,4 +273,5 @@ def bound_range_sd(bound: Float, poses: Float, points: Float) -> Float:
         t = 3 * (count + k - 1)
         row[:, k, :, t : t + 2] = -unit[:, k]
         row[:, k, :, t + 2] = unit[:, k, :, 0] * points[..., 1] - unit[:, k, :, 1] * points[..., 0]
-    return np.sqrt(np.einsum("nrmd,nde,nrme->nrm", row, bound, row))
+    variance: Float = np.einsum("nrmd,nde,nrme->nrm", row, bound, row)
+    return np.sqrt(variance)

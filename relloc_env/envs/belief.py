@@ -7,7 +7,7 @@ import numpy as np
 from relloc_env.config import EnvConfig
 from relloc_env.envs.core import Core
 from relloc_env.metrics import wrap
-from relloc_env.samples import Estimate, Float, Rows
+from relloc_env.samples import Bool, Estimate, Float, Rows
 
 UNSEEN_SD = 100.0
 """[m] what is known of a point that nobody has seen."""
@@ -171,7 +171,7 @@ def believed_places(estimate: Estimate, heights: Float) -> tuple[Float, Float]:
 
 def _away(points: Float) -> Float:
     """Points with those that nothing is known of put far away, each elsewhere."""
-    unknown = np.isnan(points).any(axis=-1)
+    unknown: Bool = np.asarray(np.isnan(points).any(axis=-1))
     found = points.copy()
     for i in range(points.shape[1]):
         found[unknown[:, i], i] = (AWAY, AWAY + 10.0 * i, 0.0)
