@@ -230,6 +230,7 @@ def replay(
     velocity: str | None = None,
     estimator: str | Config | Mapping[str, Any] | Factory | Sequence[str] | None = None,
     pose_model: str | None = None,
+    initial_depth: tuple[float, float] | None = None,
     initial_depth_error: float | None = None,
     initial_pose_error: tuple[float, float, float] | None = None,
     out: str | Path | None = None,
@@ -242,6 +243,7 @@ def replay(
         estimator: one or several names, a configuration, or your own (`relloc_env.estimators.OwnConfig`); default: the
             best of the project's on this kind of log and the paper's cascade beside it.
         pose_model: "position", "velocity" or "printed": observation model of the cascade's pose filter.
+        initial_depth: [m] one first guess of the depth for every track and its standard deviation; no truth is used.
         initial_depth_error: [m] the first depth guess is the truth plus this; default +1 for STAR-loc, as in the
             paper; without truth (MR.CLAM, by default) a guess of 3 ± 2 m. Own logs keep the prior they were made with.
         initial_pose_error: [m, m, rad] the first pose guess is the truth plus this; default: no truth.
@@ -253,7 +255,13 @@ def replay(
         ValueError: what is wrong with the arguments.
     """
     logs = open_logs(path, robots=robots, start=start, stop=stop, velocity=velocity)
-    if initial_depth_error is None and logs[0].kind == "starloc":
+    if initial_pose_error is not None and len(logs[0].robots) == 1:
+        raise ValueError("Argument `initial_pose_error` must be left out for a log of one robot")
+    if initial_depth is not None:
+        if initial_depth_error is not None:
+            raise ValueError("Argument `initial_depth` must be left out where `initial_depth_error` is given")
+        logs = [log.with_depth_guess(*initial_depth) for log in logs]
+    elif initial_depth_error is None and logs[0].kind == "starloc":
         initial_depth_error = 1.0
     if initial_depth_error is not None or initial_pose_error is not None:
         logs = [log.with_initial_error(depth=initial_depth_error, pose=initial_pose_error) for log in logs]
@@ -282,6 +290,7 @@ def replay(
         "velocity": logs[0].velocity,
         "estimators": list(runs),
         "pose_model": pose_model,
+        "initial_depth_m": None if initial_depth is None else list(initial_depth),
         "initial_depth_error_m": initial_depth_error,
         "initial_pose_error": None if initial_pose_error is None else list(initial_pose_error),
     }
