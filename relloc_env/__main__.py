@@ -95,7 +95,7 @@ def replay(
                 table.add_column(escape(name), justify="right")
         else:
             table.add_row(escape(head), *map(escape, cells))
-    _print(table, f"Errors are medians, over tracks and over seconds with an estimate; see\n{out}/")
+    _print(table, "\n".join([*result.notes(), f"Results: {out}/"]))
 
 
 @app.command()

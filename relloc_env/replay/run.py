@@ -13,7 +13,9 @@ from relloc_env.estimators.registry import Factory
 from relloc_env.logs import Log, LogError, read_log, read_mrclam, read_starloc
 from relloc_env.logs.episode import HEADER
 from relloc_env.logs.starloc import DETECTIONS
+from relloc_env.metrics import TrajectoryBound
 from relloc_env.replay import scores
+from relloc_env.replay.bound import BOUND, NEEDS, bound_of
 from relloc_env.replay.settings import Config, configure
 from relloc_env.samples import ordered_pairs
 
@@ -48,6 +50,7 @@ class Run:
                     "observer": self.log.robots[a],
                     "observed": self.log.robots[b],
                     **scores.summarise_pose(scores.per_second(self.log.time, errors)),
+                    "bound": scores.bound_by_second(self.log.time, errors),
                 }
                 for (a, b), errors in zip(pairs, self.poses, strict=True)
             ],
@@ -63,6 +66,11 @@ class ReplayResult:
     runs: dict[str, list[Run]]
     """Per estimator's name, one run per log."""
 
+    @property
+    def bounded(self) -> bool:
+        """Whether the errors of poses are held against the information bound."""
+        return any(errors.bound is not None for runs in self.runs.values() for run in runs for errors in run.poses)
+
     def to_dict(self) -> dict[str, Any]:
         """Return plain data, as in replay.json."""
         some = next(iter(self.runs.values()))
@@ -73,6 +81,8 @@ class ReplayResult:
             "options": self.options,
             "nees_band_95": list(scores.NEES_BAND),
             "nees_median_expected": scores.NEES_MEDIAN,
+            "whitened_error_band_95": list(scores.RATIO_BAND),
+            "bound": BOUND if self.bounded else NEEDS,
             "depth_sure_below_sd_m": scores.SURE,
             "estimate_exists_below": {"position_sd_m": scores.CERTAIN[0], "heading_sd_rad": scores.CERTAIN[1]},
             "estimators": {
@@ -95,8 +105,12 @@ class ReplayResult:
         """Heads and cells of what the command prints, one row per estimator."""
         data = self.to_dict()["estimators"]
         poses = any(part["pose"] for part in data.values())
-        heads = ["estimator", "tracks", "initial depth error [m]", "final [m]", "where sure [m]", "to 10 % [s]"]
-        heads += ["seconds", "position [m]", "RMSE [m]", "heading [deg]", "RMSE [deg]", "NEES"] if poses else []
+        heads = ["estimator", "tracks", "initial depth error [m]", "final depth error [m]"]
+        heads += ["the same where sure [m] (tracks)", "time to 10 % of the error [s] (tracks)"]
+        if poses:
+            heads += ["seconds with an estimate", "position error [m]", "its RMS [m]", "heading error [deg]"]
+            heads += ["its RMS [deg]", "NEES"]
+        heads += ["error / bound"] if self.bounded else []
         rows = []
         for name, part in data.items():
             depth, pose = part["depth"], part["pose"] or {}
@@ -107,7 +121,7 @@ class ReplayResult:
             row.append(f"{_text(depth.get('median_final_error_where_sure_m'), 3)} ({depth.get('sure_tracks', 0)})")
             row.append(settled)
             if poses:
-                seconds = f"{pose.get('seconds_with_estimate', 0)}/{pose.get('seconds_with_two_common_points', 0)}"
+                seconds = f"{pose.get('seconds_with_estimate', 0)} of {pose.get('seconds_with_two_common_points', 0)}"
                 row += [
                     seconds,
                     _text(pose.get("median_position_error_m")),
@@ -116,8 +130,26 @@ class ReplayResult:
                     _text(pose.get("rmse_heading_deg"), 1),
                     _text(pose.get("median_nees"), 1),
                 ]
+            row += [_text(pose.get("whitened_error"))] if self.bounded else []
             rows.append(row)
         return heads, rows
+
+    def notes(self) -> list[str]:
+        """What the rows of the table are, for beside it."""
+        some = [run for runs in self.runs.values() for run in runs if run.poses]
+        words = [
+            "Errors are medians over tracks, and over seconds with an estimate. In brackets: how many tracks.",
+            f"Sure: at the end of the track, to a claimed standard deviation of {scores.SURE} m.",
+        ]
+        if some:
+            position, heading = scores.CERTAIN
+            words += [
+                f"An estimate: claimed to {position} m and {heading} rad; of the seconds with two points in both maps.",
+                "Each direction of a pair has seconds of its own.",
+                f"NEES: {scores.NEES_MEDIAN:.1f} is right.",
+                f"Error / bound: {BOUND}." if self.bounded else f"No error / bound: {NEEDS}.",
+            ]
+        return words
 
     def save(self, out: str | Path) -> list[Path]:
         """Write replay.json, the series behind the figures (replay.npz) and the figures; return what was written."""
@@ -134,6 +166,9 @@ class ReplayResult:
                 for p, errors in enumerate(run.poses):
                     arrays[f"{name}/{i}/pose_error_{p}"] = errors.error.astype(np.float32)
                     arrays[f"{name}/{i}/nees_{p}"] = errors.nees.astype(np.float32)
+                    if errors.bound is not None and errors.ratio is not None:
+                        arrays[f"{name}/{i}/bound_{p}"] = errors.bound.astype(np.float32)
+                        arrays[f"{name}/{i}/whitened_error_{p}"] = errors.ratio.astype(np.float32)
         series = folder / "replay.npz"
         np.savez_compressed(series, **arrays)
         from relloc_env.replay.figures import draw
@@ -169,14 +204,21 @@ def trace(log: Log, config: Config, progress: Callable[[float], None] | None = N
     return kept
 
 
-def run_estimator(log: Log, name: str, config: Config, progress: Callable[[float], None] | None = None) -> Run:
+def run_estimator(
+    log: Log,
+    name: str,
+    config: Config,
+    progress: Callable[[float], None] | None = None,
+    bound: TrajectoryBound | None = None,
+) -> Run:
     """Run and score one estimator on one log; without truth there is a trace and no score."""
     kept = trace(log, config, progress)
     if log.truth is None:
         return Run(log, name, config, kept, None, [], [])
     depth = scores.depth_errors(log, kept)
     poses = [
-        scores.pose_errors(log, kept, p, int(a), int(b)) for p, (a, b) in enumerate(ordered_pairs(len(log.robots)))
+        scores.pose_errors(log, kept, p, int(a), int(b), bound)
+        for p, (a, b) in enumerate(ordered_pairs(len(log.robots)))
     ]
     return Run(log, name, config, kept, depth, scores.score_tracks(log, depth), poses)
 
@@ -269,19 +311,20 @@ def replay(
         several = ["cascade-critical", "cascade"] if len(logs[0].robots) == 1 else ["map-alignment", "cascade"]
         estimator = ["cascade"] if pose_model is not None else several
     chosen: list[Any] = list(estimator) if isinstance(estimator, list | tuple) else [estimator]
+    bounds = [bound_of(log) for log in logs]
     runs: dict[str, list[Run]] = {}
     total, done = len(chosen) * len(logs), 0
     for each in chosen:
         config = configure(logs[0], each, pose_model)
         name = config.name if isinstance(config, OwnConfig) else each if isinstance(each, str) else config.kind
         runs[name] = []
-        for log in logs:
+        for log, bound in zip(logs, bounds, strict=True):
 
             def tell(part: float, log: Log = log, name: str = name, done: int = done) -> None:
                 if progress is not None:
                     progress(f"{name} on {log.name}", (done + part) / total)
 
-            runs[name].append(run_estimator(log, name, config, tell))
+            runs[name].append(run_estimator(log, name, config, tell, bound))
             done += 1
     options = {
         "robots": None if robots is None else list(robots),

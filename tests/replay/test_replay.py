@@ -29,7 +29,14 @@ def test_results_are_written_and_say_the_same(folder: Path, tmp_path: Path) -> N
     out = tmp_path / "out"
     result = replay(folder, estimator="cascade", out=out, start=2.0, stop=20.0)
     names = {path.name for path in out.iterdir()}
-    assert names == {"replay.json", "replay.npz", "depth_error.png", "pose_error.png", "nees.png"}
+    assert names == {
+        "replay.json",
+        "replay.npz",
+        "depth_error.png",
+        "pose_error.png",
+        "ellipses.png",
+        "consistency.png",
+    }
     written = json.loads((out / "replay.json").read_text("utf-8"))
     assert written == json.loads(json.dumps(result.to_dict()))
     run = result.runs["cascade"][0]
