@@ -151,10 +151,10 @@ def _gauge(label: str, value: float, band: tuple[float, float], robot: int = -1)
 
     if math.isnan(value):
         words = "none"
-    elif value < 100.0:
-        words = f"{value:.2g}" if value < 10.0 else f"{value:.0f}"
+    elif value < 1e5:
+        words = f"{value:.2f}" if value < 10.0 else f"{value:,.0f}"
     else:
-        words = f"{value:,.0f}" if value < 1e5 else "> 10⁵"
+        words = "> 10⁵"
     return Reading(label, words, robot, (value, *band))
 
 

@@ -29,9 +29,9 @@ def test_honesty_and_bound_of_a_pose() -> None:
     error = believed.pose[0, 0] - [toward.real, toward.imag, b[2] - a[2]]
     error[2] = np.angle(np.exp(1j * error[2]))
     wanted = error @ np.linalg.inv(believed.pose_covariance[0, 0]) @ error
-    assert readings[0].gauge == pytest.approx([wanted, *chi2.ppf([0.025, 0.975], 3).tolist()], rel=1e-3)
+    assert readings[0].gauge == pytest.approx([wanted, chi2.ppf(0.025, 3), chi2.ppf(0.975, 3)], rel=1e-3)
     ratio = np.sqrt(error @ np.linalg.inv(env.core.score.pose_covariance[0]) @ error / 3.0)
-    assert readings[2].gauge == pytest.approx([ratio, *np.sqrt(chi2.ppf([0.025, 0.975], 3) / 3.0).tolist()], rel=1e-3)
+    assert readings[2].gauge == pytest.approx([ratio, *np.sqrt(np.divide(chi2.ppf([0.025, 0.975], 3), 3.0))], rel=1e-3)
 
 
 def test_ranges_of_a_single_robot_against_the_bound() -> None:
