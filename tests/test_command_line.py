@@ -86,6 +86,9 @@ def test_options_reach_the_replay(monkeypatch, tmp_path):
         def table(self):
             return ["estimator"], [["cascade"]]
 
+        def notes(self):
+            return ["What it means."]
+
     def replay(path, **options):
         seen.update(options, path=path)
         return Result()
@@ -95,6 +98,7 @@ def test_options_reach_the_replay(monkeypatch, tmp_path):
     words += " --pose-model velocity --initial-depth 3 2 --initial-pose-error 1 -2 90"
     result = run.invoke(app, ["replay", "some", *words.split(), "--out", str(tmp_path)])
     assert result.exit_code == 0, result.output
+    assert "What it means." in result.output
     assert seen.pop("progress") is not None
     assert {key: str(value) if key in {"path", "out"} else value for key, value in seen.items()} == {
         "path": "some",

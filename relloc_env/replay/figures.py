@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from relloc_env.replay.run import ReplayResult, Run
 
-COLOURS = ("#1f77b4", "#d62728", "#2ca02c", "#9467bd")
+COLOURS = ("#1f77b4", "#d62728", "#2ca02c", "#9467bd", "#ff7f0e", "#8c564b", "#e377c2", "#17becf")
 LONGEST_GAP = 2.0
 """[s] lines are broken at longer gaps between sights."""
 INSTANTS = 8
