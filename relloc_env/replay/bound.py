@@ -8,7 +8,7 @@ from relloc_env.metrics import TrajectoryBound, trajectory_bound
 from relloc_env.replay.settings import environment_of
 from relloc_env.rewards import pack_known
 
-BOUND = "root mean square of the error whitened by the information bound; 1 is at the bound"
+BOUND = "root mean square of the pose's error (one robot: of the last depths') whitened by the bound; 1 is at the bound"
 """What the ratio of error and bound is."""
 NEEDS = (
     "the bound needs the truth, white noise of stated size, known camera heights and odometry scales; logs of this "

@@ -68,8 +68,9 @@ class ReplayResult:
 
     @property
     def bounded(self) -> bool:
-        """Whether the errors of poses are held against the information bound."""
-        return any(errors.bound is not None for runs in self.runs.values() for run in runs for errors in run.poses)
+        """Whether errors are held against the information bound."""
+        every = (run for runs in self.runs.values() for run in runs)
+        return any(run.depth is not None and np.isfinite(run.depth.bound_sd).any() for run in every)
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain data, as in replay.json."""
@@ -130,7 +131,8 @@ class ReplayResult:
                     _text(pose.get("rmse_heading_deg"), 1),
                     _text(pose.get("median_nees"), 1),
                 ]
-            row += [_text(pose.get("whitened_error"))] if self.bounded else []
+            if self.bounded:
+                row.append(_text(pose.get("whitened_error") if poses else depth.get("whitened_final_error")))
             rows.append(row)
         return heads, rows
 
@@ -147,8 +149,9 @@ class ReplayResult:
                 f"An estimate: claimed to {position} m and {heading} rad; of the seconds with two points in both maps.",
                 "Each direction of a pair has seconds of its own.",
                 f"NEES: {scores.NEES_MEDIAN:.1f} is right.",
-                f"Error / bound: {BOUND}." if self.bounded else f"No error / bound: {NEEDS}.",
             ]
+        if any(run.depth is not None for runs in self.runs.values() for run in runs):
+            words.append(f"Error / bound: {BOUND}." if self.bounded else f"No error / bound: {NEEDS}.")
         return words
 
     def save(self, out: str | Path) -> list[Path]:
@@ -215,7 +218,7 @@ def run_estimator(
     kept = trace(log, config, progress)
     if log.truth is None:
         return Run(log, name, config, kept, None, [], [])
-    depth = scores.depth_errors(log, kept)
+    depth = scores.depth_errors(log, kept, bound)
     poses = [
         scores.pose_errors(log, kept, p, int(a), int(b), bound)
         for p, (a, b) in enumerate(ordered_pairs(len(log.robots)))

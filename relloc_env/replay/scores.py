@@ -46,9 +46,11 @@ class DepthErrors(NamedTuple):
     """[m] (T, R, M) claimed standard deviation."""
     against_sensor: Float
     """[m] (T, R, M) estimate minus the depth by another sensor."""
+    bound_sd: Float
+    """[m] (T, R, M) least standard deviation by the information bound; NaN where there is none."""
 
 
-def depth_errors(log: Log, trace: Trace) -> DepthErrors:
+def depth_errors(log: Log, trace: Trace, bound: TrajectoryBound | None = None) -> DepthErrors:
     """Depth errors at the sights of each point: Z = cos(beta)/rho."""
     truth = _truth(log)
     beta, rho = trace.points[..., 0], trace.points[..., 2]
@@ -60,7 +62,8 @@ def depth_errors(log: Log, trace: Trace) -> DepthErrors:
         variance = by_beta**2 * c[..., 0, 0] + 2 * by_beta * by_rho * c[..., 0, 2] + by_rho**2 * c[..., 2, 2]
         sd = np.where(valid, np.sqrt(np.maximum(variance, 0.0)), np.nan)
     sensed = np.full_like(depth, np.nan) if truth.sensed_depth is None else truth.sensed_depth
-    return DepthErrors(depth - truth.depth, sd, depth - sensed)
+    least = np.full_like(depth, np.nan) if bound is None else np.sqrt(bound.points[..., 0, 0])
+    return DepthErrors(depth - truth.depth, sd, depth - sensed, least)
 
 
 def score_tracks(log: Log, errors: DepthErrors) -> list[dict[str, Any]]:
@@ -85,11 +88,16 @@ def score_tracks(log: Log, errors: DepthErrors) -> list[dict[str, Any]]:
                     "initial_error_m": float(error[0]),
                     "final_error_m": float(error[-1]),
                     "time_to_10_percent_s": settled if np.isfinite(settled) else None,
-                    "final_error_against_sensor_m": float(sensed[-1]) if np.isfinite(sensed[-1]) else None,
+                    "final_error_against_sensor_m": _or_none(sensed[-1]),
                     "final_sd_m": float(errors.sd[at[-1], r, m]),
+                    "final_bound_sd_m": _or_none(errors.bound_sd[at[-1], r, m]),
                 }
             )
     return sorted(tracks, key=lambda track: (track["from_s"], track["robot"], track["point"]))
+
+
+def _or_none(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
 
 
 def summarise_tracks(tracks: list[dict[str, Any]]) -> dict[str, Any]:
@@ -99,6 +107,7 @@ def summarise_tracks(tracks: list[dict[str, Any]]) -> dict[str, Any]:
     first, last = (np.abs([track[key] for track in tracks]) for key in ("initial_error_m", "final_error_m"))
     settled = [t["time_to_10_percent_s"] for t in tracks if t["time_to_10_percent_s"] is not None]
     sensed = [abs(t["final_error_against_sensor_m"]) for t in tracks if t["final_error_against_sensor_m"] is not None]
+    ratio = [t["final_error_m"] / t["final_bound_sd_m"] for t in tracks if t["final_bound_sd_m"] is not None]
     sure = [abs(t["final_error_m"]) for t in tracks if t["final_sd_m"] <= SURE]
     return {
         "tracks": len(tracks),
@@ -107,6 +116,7 @@ def summarise_tracks(tracks: list[dict[str, Any]]) -> dict[str, Any]:
         "median_final_error_against_sensor_m": float(np.median(sensed)) if sensed else None,
         "sure_tracks": len(sure),
         "median_final_error_where_sure_m": float(np.median(sure)) if sure else None,
+        "whitened_final_error": float(np.sqrt(np.mean(np.square(ratio)))) if ratio else None,
         "settled_tracks": len(settled),
         "median_time_to_10_percent_s": float(np.median(settled)) if settled else None,
     }

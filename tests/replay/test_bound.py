@@ -57,6 +57,22 @@ def test_the_error_is_held_against_the_bound(recorded: tuple[Path, np.ndarray], 
     assert "1 is at the bound" in " ".join(result.notes())
 
 
+def test_a_robot_alone_has_a_bound_of_its_depths(tmp_path: Path) -> None:
+    env = RecordLog(gym.make("relloc_env/ActiveDepth-v0", targets=1, max_cycles=8), tmp_path / "logs")
+    env.reset(seed=4)
+    for _ in range(8):
+        *_, info = env.step(np.array([0.5, 0.0], np.float32))
+    env.close()
+    result = replay(tmp_path / "logs" / "episode_000", estimator="cascade-critical")
+    (track,) = result.runs["cascade-critical"][0].tracks
+    # Nearly ahead, the depth is the range, whose bound the environment tells.
+    assert track["final_bound_sd_m"] == pytest.approx(info["bound_sd"][0], rel=0.02)
+    wanted = abs(track["final_error_m"]) / track["final_bound_sd_m"]
+    heads, (row,) = result.table()
+    assert float(row[heads.index("error / bound")]) == pytest.approx(wanted, abs=0.006)
+    assert result.to_dict()["bound"].endswith("1 is at the bound")
+
+
 def test_other_logs_have_no_bound_and_say_why(make_log: MakeLog, recorded: tuple[Path, np.ndarray]) -> None:
     log = make_log(3.0)
     assert bound_of(log) is None
