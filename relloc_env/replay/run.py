@@ -14,7 +14,7 @@ from relloc_env.logs import Log, LogError, read_log, read_mrclam, read_starloc
 from relloc_env.logs.episode import HEADER
 from relloc_env.logs.starloc import DETECTIONS
 from relloc_env.metrics import TrajectoryBound
-from relloc_env.replay import scores
+from relloc_env.replay import report, scores
 from relloc_env.replay.bound import BOUND, NEEDS, bound_of
 from relloc_env.replay.settings import Config, configure
 from relloc_env.samples import ordered_pairs
@@ -104,62 +104,18 @@ class ReplayResult:
 
     def table(self) -> tuple[list[str], list[list[str]]]:
         """Heads and cells of what the command prints, one row per estimator."""
-        data = self.to_dict()["estimators"]
-        poses = any(part["pose"] for part in data.values())
-        heads = ["estimator", "tracks", "initial depth error [m]", "final depth error [m]"]
-        heads += ["the same where sure [m] (tracks)", "time to 10 % of the error [s] (tracks)"]
-        if poses:
-            heads += ["seconds with an estimate", "position error [m]", "its RMS [m]", "heading error [deg]"]
-            heads += ["its RMS [deg]", "NEES"]
-        heads += ["error / bound"] if self.bounded else []
-        rows = []
-        for name, part in data.items():
-            depth, pose = part["depth"], part["pose"] or {}
-            median = depth.get("median_time_to_10_percent_s")
-            settled = f"{_text(median, 1)} ({depth.get('settled_tracks', 0)})"
-            row = [name, str(depth["tracks"]), _text(depth.get("median_initial_error_m")), ""]
-            row[3] = _text(depth.get("median_final_error_m"))
-            row.append(f"{_text(depth.get('median_final_error_where_sure_m'), 3)} ({depth.get('sure_tracks', 0)})")
-            row.append(settled)
-            if poses:
-                seconds = f"{pose.get('seconds_with_estimate', 0)} of {pose.get('seconds_with_two_common_points', 0)}"
-                row += [
-                    seconds,
-                    _text(pose.get("median_position_error_m")),
-                    _text(pose.get("rmse_position_m")),
-                    _text(pose.get("median_heading_error_deg"), 1),
-                    _text(pose.get("rmse_heading_deg"), 1),
-                    _text(pose.get("median_nees"), 1),
-                ]
-            if self.bounded:
-                row.append(_text(pose.get("whitened_error") if poses else depth.get("whitened_final_error")))
-            rows.append(row)
-        return heads, rows
+        return report.table(self.to_dict())
 
     def notes(self) -> list[str]:
-        """What the rows of the table are, for beside it."""
-        some = [run for runs in self.runs.values() for run in runs if run.poses]
-        words = [
-            "Errors are medians over tracks, and over seconds with an estimate. In brackets: how many tracks.",
-            f"Sure: at the end of the track, to a claimed standard deviation of {scores.SURE} m.",
-        ]
-        if some:
-            position, heading = scores.CERTAIN
-            words += [
-                f"An estimate: claimed to {position} m and {heading} rad; of the seconds with two points in both maps.",
-                "Each direction of a pair has seconds of its own.",
-                f"NEES: {scores.NEES_MEDIAN:.1f} is right.",
-            ]
-        if any(run.depth is not None for runs in self.runs.values() for run in runs):
-            words.append(f"Error / bound: {BOUND}." if self.bounded else f"No error / bound: {NEEDS}.")
-        return words
+        """What the figures of the table are, for beside it."""
+        return report.notes(self.to_dict())
 
     def save(self, out: str | Path) -> list[Path]:
         """Write replay.json, the series behind the figures (replay.npz) and the figures; return what was written."""
         folder = Path(out)
         folder.mkdir(parents=True, exist_ok=True)
-        summary = folder / "replay.json"
-        summary.write_text(json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n", encoding="utf-8")
+        results = folder / "replay.json"
+        results.write_text(json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n", encoding="utf-8")
         arrays: dict[str, Any] = {}
         for name, runs in self.runs.items():
             for i, run in enumerate(runs):
@@ -176,11 +132,7 @@ class ReplayResult:
         np.savez_compressed(series, **arrays)
         from relloc_env.replay.figures import draw
 
-        return [summary, series, *draw(self, folder)]
-
-
-def _text(value: float | None, digits: int = 2) -> str:
-    return "–" if value is None else f"{value:.{digits}f}"
+        return [results, series, *draw(self, folder)]
 
 
 def trace(log: Log, config: Config, progress: Callable[[float], None] | None = None) -> scores.Trace:
