@@ -64,6 +64,26 @@ def map_reference(
 
 
 @app.command()
+def consistency(
+    out: Annotated[Path, typer.Option(help="Folder for consistency.json and consistency.png.")] = Path(
+        "out/consistency"
+    ),
+    runs: Annotated[int, typer.Option(min=2, help="Runs with noise of their own.")] = 200,
+    seed: Annotated[int, typer.Option(min=0, help="Of everything random.")] = 0,
+) -> None:
+    """What becomes of filtered depths that are fed in as white measurements: errors, claims and the bound over time."""
+    from benchmarks.consistency import run
+    from benchmarks.report import progress
+
+    try:
+        with progress() as tell:
+            run(out, runs=runs, seed=seed, tell=tell)
+    except OSError as error:
+        _stop(str(error))
+    Console().print(f"Results: {out / 'consistency.json'}, {out / 'consistency.png'}")
+
+
+@app.command()
 def profile(
     out: Annotated[Path, typer.Option(help="Folder for profile.json.")] = Path("out/speed"),
     num_envs: Annotated[int, typer.Option(min=1, help="Environments in the batch.")] = 4096,

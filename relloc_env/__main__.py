@@ -1,5 +1,6 @@
 """`python -m relloc_env`: the paper reproduced, recorded robots replayed."""
 
+import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -49,14 +50,25 @@ def replay(
     pose_model: Annotated[
         Literal["position", "velocity", "printed"] | None, typer.Option(help="Observation model of the cascade's pose.")
     ] = None,
+    initial_depth: Annotated[
+        tuple[float, float] | None,
+        typer.Option(metavar="GUESS SD", help="[m] First guess of every depth and its spread; no truth is used."),
+    ] = None,
     initial_depth_error: Annotated[
         float | None, typer.Option(help="[m] Added to the true depth for the first guess; STAR-loc: 1.")
+    ] = None,
+    initial_pose_error: Annotated[
+        tuple[float, float, float] | None,
+        typer.Option(metavar="X Y DEG", help="[m, m, deg] Added to the true pose for the first guess."),
     ] = None,
 ) -> None:
     """Run estimators on a recorded log and score them: replay.json and figures."""
     with _plain_errors(), _progress() as tell:
         from relloc_env.replay import replay as run
 
+        pose_error = None
+        if initial_pose_error is not None:
+            pose_error = (*initial_pose_error[:2], math.radians(initial_pose_error[2]))
         result = run(
             path,
             robots=robots,
@@ -65,7 +77,9 @@ def replay(
             velocity=velocity,
             estimator=estimator or None,
             pose_model=pose_model,
+            initial_depth=initial_depth,
             initial_depth_error=initial_depth_error,
+            initial_pose_error=pose_error,
             out=out,
             progress=tell,
         )
@@ -81,7 +95,7 @@ def replay(
                 table.add_column(escape(name), justify="right")
         else:
             table.add_row(escape(head), *map(escape, cells))
-    _print(table, f"Errors are medians, over tracks and over seconds with an estimate; see\n{out}/")
+    _print(table, "\n".join([*result.notes(), f"Results: {out}/"]))
 
 
 @app.command()

@@ -48,6 +48,7 @@ def fails(*words, code=2):
         ((), ("paper", "replay", "version")),
         (("paper",), ("--out",)),
         (("replay",), ("--robots", "--from", "--to", "--velocity", "--estimator", "--pose-model", "--out")),
+        (("replay",), ("--initial-depth GUESS SD", "--initial-pose-error X Y DEG")),
         (("version",), ("version",)),
     ],
 )
@@ -85,14 +86,19 @@ def test_options_reach_the_replay(monkeypatch, tmp_path):
         def table(self):
             return ["estimator"], [["cascade"]]
 
+        def notes(self):
+            return ["What it means."]
+
     def replay(path, **options):
         seen.update(options, path=path)
         return Result()
 
     monkeypatch.setattr("relloc_env.replay.replay", replay)
     words = "--robots 2 3 --from 10 --to 20.5 --velocity mocap --estimator cascade --estimator cascade-critical"
-    result = run.invoke(app, ["replay", "some", *words.split(), "--pose-model", "velocity", "--out", str(tmp_path)])
+    words += " --pose-model velocity --initial-depth 3 2 --initial-pose-error 1 -2 90"
+    result = run.invoke(app, ["replay", "some", *words.split(), "--out", str(tmp_path)])
     assert result.exit_code == 0, result.output
+    assert "What it means." in result.output
     assert seen.pop("progress") is not None
     assert {key: str(value) if key in {"path", "out"} else value for key, value in seen.items()} == {
         "path": "some",
@@ -102,7 +108,9 @@ def test_options_reach_the_replay(monkeypatch, tmp_path):
         "velocity": "mocap",
         "estimator": ["cascade", "cascade-critical"],
         "pose_model": "velocity",
+        "initial_depth": (3.0, 2.0),
         "initial_depth_error": None,
+        "initial_pose_error": (1.0, -2.0, pytest.approx(np.pi / 2)),
         "out": str(tmp_path),
     }
 
@@ -148,6 +156,7 @@ class TestBadInput:
             (["--pose-model", "best"], "--pose-model"),
             (["--robots", "2"], "--robots"),
             (["--from", "noon"], "--from"),
+            (["--initial-depth", "3"], "--initial-depth"),
         ],
     )
     def test_bad_option(self, log, tmp_path, words, named):

@@ -1,18 +1,21 @@
 """The picture of one environment, for every door: what a `Scene` needs, taken from the core."""
 
 import math
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any, Literal, cast
 
 import gymnasium as gym
 import numpy as np
 from gymnasium.error import ResetNeeded
 
+from relloc_env.kernels.information import range_variance
+from relloc_env.metrics import nees, nees_band, point_errors, pose_errors
 from relloc_env.samples import Estimate, Float
 
 if TYPE_CHECKING:
     from relloc_env.envs.core import Core
     from relloc_env.rendering import Renderer
-    from relloc_env.rendering.scene import Scene
+    from relloc_env.rendering.scene import Reading, Scene
 
 
 class Picture:
@@ -71,7 +74,7 @@ class Picture:
 
 def scene(core: "Core", n: int, trails: list[Float]) -> "Scene":
     """Describe environment n as it is now."""
-    from relloc_env.rendering.scene import CameraGeometry, Reading, Scene, target_colours
+    from relloc_env.rendering.scene import CameraGeometry, Scene, target_colours
 
     config, world, samples = core.config, core.simulation.world, core.simulation.samples
     robots = [config.camera_of(r) for r in range(config.robots)]
@@ -98,18 +101,6 @@ def scene(core: "Core", n: int, trails: list[Float]) -> "Scene":
     with np.errstate(divide="ignore", invalid="ignore"):
         image = np.stack([right / ahead, down / ahead], axis=-1)
     half = None if config.arena is None else (0.5 * config.arena[0], 0.5 * config.arena[1])
-    readings = []
-    if not core.bare:
-        for r in range(config.robots):
-            error = np.abs(core.score.depth_error[n, r])
-            known = error[np.isfinite(error)]
-            readings.append(Reading("depth error", f"{known.max():.2f} m" if known.size else "none", r))
-        for p, (a, _) in enumerate(core.simulation.pairs):
-            length, angle = core.score.pose_error[n, p]
-            readings.append(Reading("pose error", f"{length:.2f} m {math.degrees(angle):.1f}°", int(a)))
-    if config.tracks_bound:
-        j = core.score.pose_information[n] if config.robots > 1 else core.score.depth_information[n, 0]
-        readings.append(Reading("information", f"{j:.2f} nats"))
     return Scene(
         time=float(world.tick[n]) * config.sample_period,
         poses=poses.copy(),
@@ -128,5 +119,80 @@ def scene(core: "Core", n: int, trails: list[Float]) -> "Scene":
         estimate=None if core.bare else Estimate(*(np.array(part[n]) for part in core.onboard.estimate)),
         contact=world.contact[n].copy(),
         blocked=world.blocked[n] > 0,
-        readings=readings,
+        readings=_readings(core, n),
     )
+
+
+def _readings(core: "Core", n: int) -> "list[Reading]":
+    """Errors, and how they compare with what is claimed and with what is possible."""
+    from relloc_env.rendering.scene import Reading
+
+    config, score, readings = core.config, core.score, []
+    if not core.bare:
+        for r in range(config.robots):
+            error = np.abs(score.depth_error[n, r])
+            known = error[np.isfinite(error)]
+            readings.append(Reading("depth error", f"{known.max():.2f} m" if known.size else "none", r))
+        for p, (a, _) in enumerate(core.simulation.pairs):
+            length, angle = score.pose_error[n, p]
+            readings.append(Reading("pose error", f"{length:.2f} m {math.degrees(angle):.1f}°", int(a)))
+        readings += [_gauge("NEES", value, band, r) for value, band, r in _honesty(core, n)]
+        if config.tracks_bound:
+            readings.append(_gauge("error / bound", *_against_bound(core, n)))
+    if config.tracks_bound:
+        j = score.pose_information[n] if config.robots > 1 else score.depth_information[n, 0]
+        readings.append(Reading("information", f"{j:.2f} nats"))
+    return readings
+
+
+def _gauge(label: str, value: float, band: tuple[float, float], robot: int = -1) -> "Reading":
+    """A number with the band that holds 95 % where all is right."""
+    from relloc_env.rendering.scene import Reading
+
+    if math.isnan(value):
+        words = "none"
+    elif value < 1e5:
+        words = f"{value:.2f}" if value < 10.0 else f"{value:,.0f}"
+    else:
+        words = "> 10⁵"
+    return Reading(label, words, robot, (value, *band))
+
+
+def _honesty(core: "Core", n: int) -> list[tuple[float, tuple[float, float], int]]:
+    """NEES with its band and the robot that claims: of each pose, or of a single robot's points, their mean."""
+    poses, estimate = core.simulation.world.pose[n : n + 1], core.onboard.estimate
+    one = Estimate._make(part[n : n + 1] for part in estimate)
+    if core.config.robots > 1:
+        errors = pose_errors(one, poses)[0]
+        claims = zip(errors, one.pose_covariance[0], core.simulation.pairs[:, 0].tolist(), strict=True)
+        return [(_nees(error, covariance), _band(3, 1), robot) for error, covariance, robot in claims]
+    heights = np.array([core.config.camera_of(0).mount_height])
+    polar = point_errors(one, poses, core.simulation.world.points[n : n + 1], heights).polar[0, 0]
+    known = np.flatnonzero(one.known[0, 0])
+    values = [_nees(polar[m], one.points_covariance[0, 0, m]) for m in known]
+    return [(float(np.mean(values)) if values else math.nan, _band(3, max(len(values), 1)), 0)]
+
+
+def _against_bound(core: "Core", n: int) -> tuple[float, tuple[float, float]]:
+    """Whitened error of B's pose in {A}, or of a single robot's ranges, with its band; 1 is at the bound."""
+    world, score = core.simulation.world, core.score
+    if core.config.robots > 1:
+        one = Estimate._make(part[n : n + 1] for part in core.onboard.estimate)
+        square, band = _nees(pose_errors(one, world.pose[n : n + 1])[0, 0], score.pose_covariance[n]) / 3.0, _band(3, 1)
+        return math.sqrt(square), (math.sqrt(band[0] / 3.0), math.sqrt(band[1] / 3.0))
+    error = score.depth_error[n, 0]
+    known = np.flatnonzero(np.isfinite(error))
+    squares = [error[m] ** 2 / range_variance(score.bound[n], world.pose[n], world.points[n], 0, m) for m in known]
+    low, high = _band(1, max(len(squares), 1))
+    return math.sqrt(np.mean(squares)) if squares else math.nan, (math.sqrt(low), math.sqrt(high))
+
+
+def _nees(error: Float, covariance: Float) -> float:
+    """NEES; NaN where nothing usable is claimed."""
+    try:
+        return float(nees(error, covariance))
+    except np.linalg.LinAlgError:
+        return math.nan
+
+
+_band = lru_cache(nees_band)

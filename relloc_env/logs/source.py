@@ -148,6 +148,19 @@ class Log:
             prior = prior._replace(pose=start[None], pose_sd=np.maximum(np.abs(np.asarray(pose)), 1e-3))
         return replace(self, prior=prior)
 
+    def with_depth_guess(self, guess: float, sd: float) -> "Log":
+        """Return the log with one first guess for the depth of every point; no truth is used.
+
+        Args:
+            guess: [m] of each depth at a point's first sight.
+            sd: [m] the guess's standard deviation.
+        """
+        for value in (guess, sd):
+            if not (value > 0.0 and np.isfinite(value)):
+                raise ValueError(f"Arguments `guess`, `sd` must be positive, but are {guess} and {sd}")
+        depth = np.full_like(self.prior.depth, guess)
+        return replace(self, prior=self.prior._replace(depth=depth, depth_sd=float(sd)))
+
 
 def perfect_network(count: int, robots: int) -> "np.ndarray[tuple[int, int, int], np.dtype[np.uint64]]":
     """`Samples.arrived` (1, T, P) of a network that delivers every message at once."""

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from relloc_env.rendering import geometry
 from relloc_env.rendering.camera_view import draw_camera, image_frame
 from relloc_env.rendering.canvas import Box, Canvas
-from relloc_env.rendering.scene import CameraGeometry, Scene, robot_colour, robot_name
+from relloc_env.rendering.scene import CameraGeometry, Reading, Scene, robot_colour, robot_name
 from relloc_env.rendering.theme import THEMES, mix
 from relloc_env.rendering.world_view import MapFrame, draw_ground, draw_world
 
@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 
 SMALLEST = (320, 180)
 """[px] least width and height of a picture."""
+_COLUMN = 9.0
+"""Least width of a column of readings, in letters."""
 
 
 @dataclass(frozen=True)
@@ -65,6 +67,17 @@ def layout(size: tuple[int, int], cameras: "Sequence[CameraGeometry]") -> Layout
     return Layout(max(unit, 0.7), letters, readings, world, tuple(images))
 
 
+def _height(reading: Reading) -> float:
+    """Height of a reading, in letters."""
+    return 3.4 if reading.gauge is None else 3.1
+
+
+def _along(value: float, low: float, high: float) -> float:
+    """Where a value lies on a logarithmic strip from a tenth of the band's low end to a hundredfold of its high end."""
+    first, last = 0.1 * low, 100.0 * high
+    return min(max(math.log(max(value, first) / first) / math.log(last / first), 0.01), 0.99)
+
+
 class Renderer:
     """Draws scenes, in memory or in a window.
 
@@ -94,6 +107,7 @@ class Renderer:
         self.closed = False
         """Whether the window was closed, by its user or by `close`; scenes drawn after that are not shown."""
         self._theme = THEMES[theme]
+        self._band = mix(self._theme.page, self._theme.muted, 0.35)
         self._canvas: Canvas | None = None
         self._ground: tuple[bytes, Surface] | None = None
         self._window: Surface | None = None
@@ -163,29 +177,55 @@ class Renderer:
             canvas.text(f"{scene.time:.1f} s", (left, y), 2.0 * letters, theme.ink, bold=True)
             y += 3.2 * letters
             if width > 26.0 * letters:
-                self._legend(canvas, parts, left + width - 10.0 * letters)
+                self._legend(canvas, parts, scene, left + width - 10.0 * letters)
                 width -= 11.0 * letters
-            elif y + (3.4 * len(scene.readings) + 5.0) * letters < bottom:
-                self._legend(canvas, parts, left)
+            elif y + (sum(map(_height, scene.readings)) + 6.6) * letters < bottom:
+                self._legend(canvas, parts, scene, left)
+            if width > 2.0 * _COLUMN * letters:
+                width = 0.5 * width - 0.5 * letters
+            start, end = y, left + parts.rail[2] - 0.9 * width
             for reading in scene.readings:
-                if y + 2.6 * letters > bottom:
+                if y + (_height(reading) - 0.8) * letters > bottom:
+                    left, y = left + width + letters, start
+                if left > end:
                     break
-                indent = 0.0
-                if reading.robot >= 0:
-                    indent = 0.9 * letters
-                    canvas.disc(
-                        (left + 0.35 * letters, y + 0.65 * letters), 0.35 * letters, robot_colour(reading.robot)
-                    )
-                size = canvas.fitting(reading.label, letters, width - indent)
-                canvas.text(reading.label, (left + indent, y), size, theme.muted)
-                size = canvas.fitting(reading.value, 1.25 * letters, width, bold=True)
-                canvas.text(reading.value, (left, y + 1.25 * letters), size, theme.ink, bold=True)
-                y += 3.4 * letters
+                self._reading(canvas, reading, (left, y, width, letters))
+                y += _height(reading) * letters
 
-    def _legend(self, canvas: Canvas, parts: Layout, left: float) -> None:
+    def _reading(self, canvas: Canvas, reading: Reading, place: tuple[float, float, float, float]) -> None:
+        """Write a number below its label; one with a band beside it, above the strip. `place`: x, y, width, letters."""
+        theme, (left, y, width, letters) = self._theme, place
+        indent = 0.0
+        if reading.robot >= 0:
+            indent = 0.9 * letters
+            canvas.disc((left + 0.35 * letters, y + 0.65 * letters), 0.35 * letters, robot_colour(reading.robot))
+        if reading.gauge is None:
+            size = canvas.fitting(reading.label, letters, width - indent)
+            canvas.text(reading.label, (left + indent, y), size, theme.muted)
+            size = canvas.fitting(reading.value, 1.25 * letters, width, bold=True)
+            canvas.text(reading.value, (left, y + 1.25 * letters), size, theme.ink, bold=True)
+            return
+        number, low, high = reading.gauge
+        shade = theme.alarm if number > high else theme.ink
+        room = width - indent - canvas.width_of(reading.value, letters, bold=True) - 0.4 * letters
+        size = canvas.fitting(reading.label, letters, room)
+        canvas.text(reading.label, (left + indent, y), size, theme.muted)
+        canvas.text(reading.value, (left + width, y), letters, shade, anchor=(1.0, 0.0), bold=True)
+        if math.isnan(number):
+            return
+        line, tall = y + 1.75 * letters, 0.5 * letters
+        ends = [left + width * _along(value, low, high) for value in (low, high)]
+        canvas.rectangle((ends[0], line - 0.5 * tall, ends[1] - ends[0], tall), self._band)
+        canvas.line((left, line), (left + width, line), mix(theme.page, theme.edge, 0.6), 1.0)
+        x, mark = left + width * _along(number, low, high), max(2.0, 0.2 * letters)
+        canvas.rectangle((x - 0.5 * mark, line - 0.6 * letters, mark, 1.2 * letters), shade)
+
+    def _legend(self, canvas: Canvas, parts: Layout, scene: Scene, left: float) -> None:
         """Say what the marks mean, at the foot of the readings."""
         theme, ui, letters = self._theme, parts.ui, parts.letters
-        rows = ("true", "estimate, 2σ", "measured")
+        rows = ["true", "estimate, 2σ", "measured"]
+        if any(reading.gauge is not None for reading in scene.readings):
+            rows.append("95 % when right")
         top = parts.rail[1] + parts.rail[3] - 1.6 * len(rows) * letters
         centres = [(left + 7.0 * ui, top + (1.6 * row + 0.8) * letters) for row in range(len(rows))]
         canvas.disc(centres[0], 5.0 * ui, theme.muted)
@@ -193,6 +233,9 @@ class Renderer:
         x, y = centres[2]
         canvas.line((x - 6.0 * ui, y), (x + 6.0 * ui, y), theme.muted, max(1.0, 1.25 * ui))
         canvas.line((x, y - 6.0 * ui), (x, y + 6.0 * ui), theme.muted, max(1.0, 1.25 * ui))
+        for x, y in centres[3:]:
+            wide, tall = 12.0 * ui, 0.5 * letters
+            canvas.rectangle((x - 0.5 * wide, y - 0.5 * tall, wide, tall), self._band)
         for words, (x, y) in zip(rows, centres, strict=True):
             canvas.text(words, (x + 11.0 * ui, y), letters, theme.muted, anchor=(0.0, 0.5))
 

@@ -76,6 +76,8 @@ class Reading(NamedTuple):
     """The number with its unit, as text."""
     robot: int = -1
     """Robot whose colour marks it; -1 for none."""
+    gauge: tuple[float, float, float] | None = None
+    """The number and the positive ends of the band in which it should be, for a strip below; None for no strip."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -13,7 +13,9 @@ from relloc_env.estimators.registry import Factory
 from relloc_env.logs import Log, LogError, read_log, read_mrclam, read_starloc
 from relloc_env.logs.episode import HEADER
 from relloc_env.logs.starloc import DETECTIONS
-from relloc_env.replay import scores
+from relloc_env.metrics import TrajectoryBound
+from relloc_env.replay import report, scores
+from relloc_env.replay.bound import BOUND, NEEDS, bound_of
 from relloc_env.replay.settings import Config, configure
 from relloc_env.samples import ordered_pairs
 
@@ -48,6 +50,7 @@ class Run:
                     "observer": self.log.robots[a],
                     "observed": self.log.robots[b],
                     **scores.summarise_pose(scores.per_second(self.log.time, errors)),
+                    "bound": scores.bound_by_second(self.log.time, errors),
                 }
                 for (a, b), errors in zip(pairs, self.poses, strict=True)
             ],
@@ -63,6 +66,12 @@ class ReplayResult:
     runs: dict[str, list[Run]]
     """Per estimator's name, one run per log."""
 
+    @property
+    def bounded(self) -> bool:
+        """Whether errors are held against the information bound."""
+        every = (run for runs in self.runs.values() for run in runs)
+        return any(run.depth is not None and np.isfinite(run.depth.bound_sd).any() for run in every)
+
     def to_dict(self) -> dict[str, Any]:
         """Return plain data, as in replay.json."""
         some = next(iter(self.runs.values()))
@@ -73,6 +82,8 @@ class ReplayResult:
             "options": self.options,
             "nees_band_95": list(scores.NEES_BAND),
             "nees_median_expected": scores.NEES_MEDIAN,
+            "whitened_error_band_95": list(scores.RATIO_BAND),
+            "bound": BOUND if self.bounded else NEEDS,
             "depth_sure_below_sd_m": scores.SURE,
             "estimate_exists_below": {"position_sd_m": scores.CERTAIN[0], "heading_sd_rad": scores.CERTAIN[1]},
             "estimators": {
@@ -93,38 +104,18 @@ class ReplayResult:
 
     def table(self) -> tuple[list[str], list[list[str]]]:
         """Heads and cells of what the command prints, one row per estimator."""
-        data = self.to_dict()["estimators"]
-        poses = any(part["pose"] for part in data.values())
-        heads = ["estimator", "tracks", "initial depth error [m]", "final [m]", "where sure [m]", "to 10 % [s]"]
-        heads += ["seconds", "position [m]", "RMSE [m]", "heading [deg]", "RMSE [deg]", "NEES"] if poses else []
-        rows = []
-        for name, part in data.items():
-            depth, pose = part["depth"], part["pose"] or {}
-            median = depth.get("median_time_to_10_percent_s")
-            settled = f"{_text(median, 1)} ({depth.get('settled_tracks', 0)})"
-            row = [name, str(depth["tracks"]), _text(depth.get("median_initial_error_m")), ""]
-            row[3] = _text(depth.get("median_final_error_m"))
-            row.append(f"{_text(depth.get('median_final_error_where_sure_m'), 3)} ({depth.get('sure_tracks', 0)})")
-            row.append(settled)
-            if poses:
-                seconds = f"{pose.get('seconds_with_estimate', 0)}/{pose.get('seconds_with_two_common_points', 0)}"
-                row += [
-                    seconds,
-                    _text(pose.get("median_position_error_m")),
-                    _text(pose.get("rmse_position_m")),
-                    _text(pose.get("median_heading_error_deg"), 1),
-                    _text(pose.get("rmse_heading_deg"), 1),
-                    _text(pose.get("median_nees"), 1),
-                ]
-            rows.append(row)
-        return heads, rows
+        return report.table(self.to_dict())
+
+    def notes(self) -> list[str]:
+        """What the figures of the table are, for beside it."""
+        return report.notes(self.to_dict())
 
     def save(self, out: str | Path) -> list[Path]:
         """Write replay.json, the series behind the figures (replay.npz) and the figures; return what was written."""
         folder = Path(out)
         folder.mkdir(parents=True, exist_ok=True)
-        summary = folder / "replay.json"
-        summary.write_text(json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n", encoding="utf-8")
+        results = folder / "replay.json"
+        results.write_text(json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n", encoding="utf-8")
         arrays: dict[str, Any] = {}
         for name, runs in self.runs.items():
             for i, run in enumerate(runs):
@@ -134,15 +125,14 @@ class ReplayResult:
                 for p, errors in enumerate(run.poses):
                     arrays[f"{name}/{i}/pose_error_{p}"] = errors.error.astype(np.float32)
                     arrays[f"{name}/{i}/nees_{p}"] = errors.nees.astype(np.float32)
+                    if errors.bound is not None and errors.ratio is not None:
+                        arrays[f"{name}/{i}/bound_{p}"] = errors.bound.astype(np.float32)
+                        arrays[f"{name}/{i}/whitened_error_{p}"] = errors.ratio.astype(np.float32)
         series = folder / "replay.npz"
         np.savez_compressed(series, **arrays)
         from relloc_env.replay.figures import draw
 
-        return [summary, series, *draw(self, folder)]
-
-
-def _text(value: float | None, digits: int = 2) -> str:
-    return "–" if value is None else f"{value:.{digits}f}"
+        return [results, series, *draw(self, folder)]
 
 
 def trace(log: Log, config: Config, progress: Callable[[float], None] | None = None) -> scores.Trace:
@@ -169,14 +159,21 @@ def trace(log: Log, config: Config, progress: Callable[[float], None] | None = N
     return kept
 
 
-def run_estimator(log: Log, name: str, config: Config, progress: Callable[[float], None] | None = None) -> Run:
+def run_estimator(
+    log: Log,
+    name: str,
+    config: Config,
+    progress: Callable[[float], None] | None = None,
+    bound: TrajectoryBound | None = None,
+) -> Run:
     """Run and score one estimator on one log; without truth there is a trace and no score."""
     kept = trace(log, config, progress)
     if log.truth is None:
         return Run(log, name, config, kept, None, [], [])
-    depth = scores.depth_errors(log, kept)
+    depth = scores.depth_errors(log, kept, bound)
     poses = [
-        scores.pose_errors(log, kept, p, int(a), int(b)) for p, (a, b) in enumerate(ordered_pairs(len(log.robots)))
+        scores.pose_errors(log, kept, p, int(a), int(b), bound)
+        for p, (a, b) in enumerate(ordered_pairs(len(log.robots)))
     ]
     return Run(log, name, config, kept, depth, scores.score_tracks(log, depth), poses)
 
@@ -230,6 +227,7 @@ def replay(
     velocity: str | None = None,
     estimator: str | Config | Mapping[str, Any] | Factory | Sequence[str] | None = None,
     pose_model: str | None = None,
+    initial_depth: tuple[float, float] | None = None,
     initial_depth_error: float | None = None,
     initial_pose_error: tuple[float, float, float] | None = None,
     out: str | Path | None = None,
@@ -242,6 +240,7 @@ def replay(
         estimator: one or several names, a configuration, or your own (`relloc_env.estimators.OwnConfig`); default: the
             best of the project's on this kind of log and the paper's cascade beside it.
         pose_model: "position", "velocity" or "printed": observation model of the cascade's pose filter.
+        initial_depth: [m] one first guess of the depth for every track and its standard deviation; no truth is used.
         initial_depth_error: [m] the first depth guess is the truth plus this; default +1 for STAR-loc, as in the
             paper; without truth (MR.CLAM, by default) a guess of 3 ± 2 m. Own logs keep the prior they were made with.
         initial_pose_error: [m, m, rad] the first pose guess is the truth plus this; default: no truth.
@@ -253,7 +252,13 @@ def replay(
         ValueError: what is wrong with the arguments.
     """
     logs = open_logs(path, robots=robots, start=start, stop=stop, velocity=velocity)
-    if initial_depth_error is None and logs[0].kind == "starloc":
+    if initial_pose_error is not None and len(logs[0].robots) == 1:
+        raise ValueError("Argument `initial_pose_error` must be left out for a log of one robot")
+    if initial_depth is not None:
+        if initial_depth_error is not None:
+            raise ValueError("Argument `initial_depth` must be left out where `initial_depth_error` is given")
+        logs = [log.with_depth_guess(*initial_depth) for log in logs]
+    elif initial_depth_error is None and logs[0].kind == "starloc":
         initial_depth_error = 1.0
     if initial_depth_error is not None or initial_pose_error is not None:
         logs = [log.with_initial_error(depth=initial_depth_error, pose=initial_pose_error) for log in logs]
@@ -261,19 +266,20 @@ def replay(
         several = ["cascade-critical", "cascade"] if len(logs[0].robots) == 1 else ["map-alignment", "cascade"]
         estimator = ["cascade"] if pose_model is not None else several
     chosen: list[Any] = list(estimator) if isinstance(estimator, list | tuple) else [estimator]
+    bounds = [bound_of(log) for log in logs]
     runs: dict[str, list[Run]] = {}
     total, done = len(chosen) * len(logs), 0
     for each in chosen:
         config = configure(logs[0], each, pose_model)
         name = config.name if isinstance(config, OwnConfig) else each if isinstance(each, str) else config.kind
         runs[name] = []
-        for log in logs:
+        for log, bound in zip(logs, bounds, strict=True):
 
             def tell(part: float, log: Log = log, name: str = name, done: int = done) -> None:
                 if progress is not None:
                     progress(f"{name} on {log.name}", (done + part) / total)
 
-            runs[name].append(run_estimator(log, name, config, tell))
+            runs[name].append(run_estimator(log, name, config, tell, bound))
             done += 1
     options = {
         "robots": None if robots is None else list(robots),
@@ -282,6 +288,7 @@ def replay(
         "velocity": logs[0].velocity,
         "estimators": list(runs),
         "pose_model": pose_model,
+        "initial_depth_m": None if initial_depth is None else list(initial_depth),
         "initial_depth_error_m": initial_depth_error,
         "initial_pose_error": None if initial_pose_error is None else list(initial_pose_error),
     }

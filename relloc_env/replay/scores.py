@@ -5,19 +5,19 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from relloc_env.logs.source import Log, Truth
-from relloc_env.metrics import chi2_quantile, convergence_time, nees_band
+from relloc_env.metrics import TrajectoryBound, chi2_quantile, convergence_time, nees, nees_band
 from relloc_env.samples import Bool, Float
 
 NEES_BAND = nees_band(3)
 """Interval that holds 95 % of a consistent filter's NEES of a pose: quantiles of chi squared with 3 degrees."""
+RATIO_BAND = (float(np.sqrt(NEES_BAND[0] / 3.0)), float(np.sqrt(NEES_BAND[1] / 3.0)))
+"""Interval that holds 95 % of the whitened errors of an estimator at the bound."""
 NEES_MEDIAN = chi2_quantile(0.5, 3)
 """Median of chi squared with 3 degrees of freedom."""
 SETTLED = 0.1
 """Part of the first depth error below which a track counts as converged."""
 CERTAIN = (1.5, 0.5)
 """[m, rad] an estimate of the pose exists where the filter claims at most these standard deviations."""
-
-
 SURE = 0.2
 """[m] an estimator is sure of a depth where it claims at most this standard deviation."""
 
@@ -46,9 +46,11 @@ class DepthErrors(NamedTuple):
     """[m] (T, R, M) claimed standard deviation."""
     against_sensor: Float
     """[m] (T, R, M) estimate minus the depth by another sensor."""
+    bound_sd: Float
+    """[m] (T, R, M) least standard deviation by the information bound; NaN where there is none."""
 
 
-def depth_errors(log: Log, trace: Trace) -> DepthErrors:
+def depth_errors(log: Log, trace: Trace, bound: TrajectoryBound | None = None) -> DepthErrors:
     """Depth errors at the sights of each point: Z = cos(beta)/rho."""
     truth = _truth(log)
     beta, rho = trace.points[..., 0], trace.points[..., 2]
@@ -60,7 +62,8 @@ def depth_errors(log: Log, trace: Trace) -> DepthErrors:
         variance = by_beta**2 * c[..., 0, 0] + 2 * by_beta * by_rho * c[..., 0, 2] + by_rho**2 * c[..., 2, 2]
         sd = np.where(valid, np.sqrt(np.maximum(variance, 0.0)), np.nan)
     sensed = np.full_like(depth, np.nan) if truth.sensed_depth is None else truth.sensed_depth
-    return DepthErrors(depth - truth.depth, sd, depth - sensed)
+    least = np.full_like(depth, np.nan) if bound is None else np.sqrt(bound.points[..., 0, 0])
+    return DepthErrors(depth - truth.depth, sd, depth - sensed, least)
 
 
 def score_tracks(log: Log, errors: DepthErrors) -> list[dict[str, Any]]:
@@ -85,11 +88,16 @@ def score_tracks(log: Log, errors: DepthErrors) -> list[dict[str, Any]]:
                     "initial_error_m": float(error[0]),
                     "final_error_m": float(error[-1]),
                     "time_to_10_percent_s": settled if np.isfinite(settled) else None,
-                    "final_error_against_sensor_m": float(sensed[-1]) if np.isfinite(sensed[-1]) else None,
+                    "final_error_against_sensor_m": _or_none(sensed[-1]),
                     "final_sd_m": float(errors.sd[at[-1], r, m]),
+                    "final_bound_sd_m": _or_none(errors.bound_sd[at[-1], r, m]),
                 }
             )
     return sorted(tracks, key=lambda track: (track["from_s"], track["robot"], track["point"]))
+
+
+def _or_none(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
 
 
 def summarise_tracks(tracks: list[dict[str, Any]]) -> dict[str, Any]:
@@ -99,6 +107,7 @@ def summarise_tracks(tracks: list[dict[str, Any]]) -> dict[str, Any]:
     first, last = (np.abs([track[key] for track in tracks]) for key in ("initial_error_m", "final_error_m"))
     settled = [t["time_to_10_percent_s"] for t in tracks if t["time_to_10_percent_s"] is not None]
     sensed = [abs(t["final_error_against_sensor_m"]) for t in tracks if t["final_error_against_sensor_m"] is not None]
+    ratio = [t["final_error_m"] / t["final_bound_sd_m"] for t in tracks if t["final_bound_sd_m"] is not None]
     sure = [abs(t["final_error_m"]) for t in tracks if t["final_sd_m"] <= SURE]
     return {
         "tracks": len(tracks),
@@ -107,6 +116,7 @@ def summarise_tracks(tracks: list[dict[str, Any]]) -> dict[str, Any]:
         "median_final_error_against_sensor_m": float(np.median(sensed)) if sensed else None,
         "sure_tracks": len(sure),
         "median_final_error_where_sure_m": float(np.median(sure)) if sure else None,
+        "whitened_final_error": float(np.sqrt(np.mean(np.square(ratio)))) if ratio else None,
         "settled_tracks": len(settled),
         "median_time_to_10_percent_s": float(np.median(settled)) if settled else None,
     }
@@ -125,9 +135,15 @@ class PoseErrors(NamedTuple):
     """(T,) whether both maps hold two common points: the least from which the pose follows."""
     exists: Bool
     """(T,) whether an estimate exists: shared, and the claimed standard deviations are within `CERTAIN`."""
+    bound: Float | None = None
+    """(T, 3, 3) information bound of the covariance; None where there is none."""
+    ratio: Float | None = None
+    """(T,) whitened error: the root of eᵀ C⁻¹ e / 3 with C the bound; root mean square 1 at the bound."""
 
 
-def pose_errors(log: Log, trace: Trace, pair: int, observer: int, observed: int) -> PoseErrors:
+def pose_errors(
+    log: Log, trace: Trace, pair: int, observer: int, observed: int, bound: TrajectoryBound | None = None
+) -> PoseErrors:
     """Errors over time of one ordered pair."""
     finite = np.isfinite(trace.pose[:, pair].sum(axis=1))
     error = np.where(finite[:, None], trace.pose[:, pair], np.nan) - _truth(log).relative[:, pair]
@@ -135,16 +151,19 @@ def pose_errors(log: Log, trace: Trace, pair: int, observer: int, observed: int)
     covariance = trace.pose_covariance[:, pair]
     variance = np.diagonal(covariance, axis1=1, axis2=2)
     usable = finite & np.isfinite(covariance).all(axis=(1, 2)) & (variance > 0.0).all(axis=1)
-    nees = np.full(len(error), np.nan)
+    honest = np.full(len(error), np.nan)
     # Divided by the standard deviations first, so that a tiny covariance is still told from a singular one.
     sd = np.sqrt(variance[usable])
     whitened = error[usable] / sd
     correlation = covariance[usable] / (sd[:, :, None] * sd[:, None, :]) + 1e-12 * np.eye(3)
-    nees[usable] = np.einsum("ti,ti->t", whitened, np.linalg.solve(correlation, whitened[..., None])[..., 0])
+    honest[usable] = np.einsum("ti,ti->t", whitened, np.linalg.solve(correlation, whitened[..., None])[..., 0])
     shared = (trace.known[:, observer] & trace.known[:, observed]).sum(axis=1) >= 2
     spread = np.sqrt(np.maximum(variance[:, 0] + variance[:, 1], 0.0))
     certain = usable & (spread <= CERTAIN[0]) & (np.sqrt(np.maximum(variance[:, 2], 0.0)) <= CERTAIN[1])
-    return PoseErrors(error, covariance, nees, shared, shared & certain)
+    if bound is None:
+        return PoseErrors(error, covariance, honest, shared, shared & certain)
+    least = bound.pose[:, pair]
+    return PoseErrors(error, covariance, honest, shared, shared & certain, least, np.sqrt(nees(error, least) / 3.0))
 
 
 def by_second(time: Float) -> "np.ndarray[tuple[int], np.dtype[np.int64]]":
@@ -161,6 +180,8 @@ class PoseSeries(NamedTuple):
     heading: Float
     """[rad] size."""
     nees: Float
+    ratio: Float
+    """Whitened errors; NaN where there is no bound."""
     seconds_shared: int
     """Seconds in which both maps held two common points (and the truth is known)."""
 
@@ -174,6 +195,7 @@ def per_second(time: Float, errors: PoseErrors) -> PoseSeries:
         np.hypot(errors.error[kept, 0], errors.error[kept, 1]),
         np.abs(errors.error[kept, 2]),
         errors.nees[kept],
+        np.full(len(kept), np.nan) if errors.ratio is None else errors.ratio[kept],
         int(errors.shared[at].sum()),
     )
 
@@ -184,12 +206,13 @@ def join(parts: list[PoseSeries]) -> PoseSeries:
         np.concatenate([p.position for p in parts]),
         np.concatenate([p.heading for p in parts]),
         np.concatenate([p.nees for p in parts]),
+        np.concatenate([p.ratio for p in parts]),
         sum(p.seconds_shared for p in parts),
     )
 
 
 def summarise_pose(series: PoseSeries) -> dict[str, Any]:
-    """Medians, root mean squares and consistency over the seconds in which an estimate existed."""
+    """Medians, root mean squares, consistency and whitened error over the seconds in which an estimate existed."""
     seconds = len(series.position)
     summary: dict[str, Any] = {
         "seconds_with_two_common_points": series.seconds_shared,
@@ -198,7 +221,7 @@ def summarise_pose(series: PoseSeries) -> dict[str, Any]:
     if not seconds:
         return summary
     heading = np.degrees(series.heading)
-    nees = series.nees[np.isfinite(series.nees)]
+    honest = series.nees[np.isfinite(series.nees)]
     low, high = NEES_BAND
     summary |= {
         "median_position_error_m": float(np.median(series.position)),
@@ -207,10 +230,25 @@ def summarise_pose(series: PoseSeries) -> dict[str, Any]:
         "median_heading_error_deg": float(np.median(heading)),
         "rmse_heading_deg": float(np.sqrt(np.mean(heading**2))),
         "q90_heading_error_deg": float(np.quantile(heading, 0.9)),
-        "median_nees": float(np.median(nees)) if nees.size else None,
-        "nees_in_band": float(np.mean((nees >= low) & (nees <= high))) if nees.size else None,
+        "median_nees": float(np.median(honest)) if honest.size else None,
+        "nees_in_band": float(np.mean((honest >= low) & (honest <= high))) if honest.size else None,
+        "whitened_error": float(np.sqrt(np.mean(series.ratio**2))) if np.isfinite(series.ratio).all() else None,
     }
     return summary
+
+
+def bound_by_second(time: Float, errors: PoseErrors) -> dict[str, Any] | None:
+    """The bound of one ordered pair as plain data, once a second; None where there is none."""
+    if errors.bound is None:
+        return None
+    at = by_second(time)
+    sd = np.sqrt(np.diagonal(errors.bound[at], axis1=1, axis2=2))
+    return {
+        "time_s": time[at].round(6).tolist(),
+        "sd_x_m": sd[:, 0].tolist(),
+        "sd_y_m": sd[:, 1].tolist(),
+        "sd_heading_deg": np.degrees(sd[:, 2]).tolist(),
+    }
 
 
 def _truth(log: Log) -> Truth:

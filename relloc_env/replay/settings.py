@@ -6,7 +6,7 @@ Noise figures are of the sensors and of the commands, not of a run: they are the
 from collections.abc import Mapping
 from typing import Any
 
-from relloc_env.config import load_config
+from relloc_env.config import EnvConfig, load_config
 from relloc_env.envs.onboard import informed
 from relloc_env.estimators import PRESETS, CascadeConfig, resolve
 from relloc_env.estimators.config import AnyConfig
@@ -39,6 +39,13 @@ _MAP_ALIGNMENT: _Table = {
 _TABLES = {"cascade": _CASCADE, "inverse-depth": _INVERSE_DEPTH, "map-alignment": _MAP_ALIGNMENT}
 
 
+def environment_of(log: Log) -> EnvConfig | None:
+    """Return the configuration of the environment that made a log; None where it states none, as real robots' do."""
+    stated = dict(log.configuration)
+    made_here = log.kind == "relloc" and {"robot", "camera", "guess"} <= stated.keys()
+    return load_config(stated) if made_here else None
+
+
 def configure(log: Log, estimator: str | Config | Mapping[str, Any] | Factory, pose_model: str | None = None) -> Config:
     """Return the configuration of an estimator for a log.
 
@@ -48,8 +55,9 @@ def configure(log: Log, estimator: str | Config | Mapping[str, Any] | Factory, p
         pose_model: observation model of the cascade's pose filter; default as configured.
     """
     config = resolve(estimator)
-    if isinstance(estimator, str) and log.kind == "relloc" and log.configuration:
-        config = informed(load_config(dict(log.configuration)), config)
+    environment = environment_of(log)
+    if isinstance(estimator, str) and environment is not None:
+        config = informed(environment, config)
     elif isinstance(estimator, str):
         config = type(config)(
             **{**config.model_dump(), **_TABLES.get(config.kind, {}).get((log.kind, log.velocity), {})}

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from relloc_env.rendering import CameraGeometry, Renderer, Scene, target_colours
 from relloc_env.rendering.camera_view import image_frame
 from relloc_env.rendering.renderer import layout
-from relloc_env.rendering.scene import robot_colour
-from relloc_env.rendering.theme import LIGHT
+from relloc_env.rendering.scene import Reading, robot_colour
+from relloc_env.rendering.theme import LIGHT, mix
 from relloc_env.samples import Estimate
 from tests.rendering.scenes import random_scene, true_images
 
@@ -241,6 +241,27 @@ def test_points_behind_unknown_and_without_height() -> None:
 def test_flags_are_shown(flag: str) -> None:
     changes: dict[str, Any] = {flag: np.array([True, False])}
     assert (paint(random_scene(0)) != paint(random_scene(0, **changes))).any()
+
+
+@pytest.mark.parametrize("size", [(480, 270), (960, 540)])
+def test_mark_of_a_gauge_is_red_above_its_band_only(size: tuple[int, int]) -> None:
+    """Marks move to the right as numbers grow, on a logarithmic scale."""
+    places = []
+    for number in (0.1, 1.0, 10.0, 100.0):
+        reading = Reading("NEES", "", gauge=(number, 0.2, 9.0))
+        picture = paint(random_scene(0, readings=[reading], title=""), size)
+        left, top, width, height = (round(v) for v in layout(size, random_scene(0).cameras).rail)
+        rail = picture[top : top + height, left : left + width]
+        red = (rail == np.array(LIGHT.alarm)).all(axis=2)
+        assert red.any() == (number > 9.0)
+        places.append(np.nonzero(red)[1].mean() if red.any() else None)
+        if number == 1.0:
+            band = np.nonzero((rail == np.array(mix(LIGHT.page, LIGHT.muted, 0.35))).all(axis=2))
+            assert len(band[0]) > 10
+    assert places[2] is not None
+    assert places[3] is not None
+    decade = places[3] - places[2]
+    assert decade == pytest.approx(width / np.log10(100.0 * 9.0 / 0.02), abs=1.0)
 
 
 def test_dark_is_dark() -> None:

@@ -43,6 +43,17 @@ def test_starloc_depth_with_the_papers_gains_and_critically_damped(data_dir: Pat
     assert 0.4 < np.median(claimed) < 1.3
 
 
+def test_starloc_from_one_guess_without_truth(data_dir: Path) -> None:
+    """3 ± 2 m for every track: what docs/recorded-data.md says, and the joint map twice as good as the observers."""
+    path = data_dir / "starloc" / "zigzag_s4"
+    if not path.is_dir():
+        pytest.skip(f"no {path}")
+    found = replay(path, estimator=["map-alignment", "cascade-critical"], initial_depth=(3.0, 2.0)).to_dict()
+    joint, critical = (part["depth"]["median_final_error_m"] for part in found["estimators"].values())
+    assert joint == pytest.approx(0.14, abs=0.02)
+    assert critical == pytest.approx(0.30, abs=0.02)
+
+
 def _medians(folder: MrclamFolder, velocity: str) -> tuple[float, float, float]:
     """Median errors [m, degrees] over the seconds of all ten pairs, and the part of the seconds with an estimate."""
     series = []

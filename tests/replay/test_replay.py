@@ -29,7 +29,14 @@ def test_results_are_written_and_say_the_same(folder: Path, tmp_path: Path) -> N
     out = tmp_path / "out"
     result = replay(folder, estimator="cascade", out=out, start=2.0, stop=20.0)
     names = {path.name for path in out.iterdir()}
-    assert names == {"replay.json", "replay.npz", "depth_error.png", "pose_error.png", "nees.png"}
+    assert names == {
+        "replay.json",
+        "replay.npz",
+        "depth_error.png",
+        "pose_error.png",
+        "ellipses.png",
+        "consistency.png",
+    }
     written = json.loads((out / "replay.json").read_text("utf-8"))
     assert written == json.loads(json.dumps(result.to_dict()))
     run = result.runs["cascade"][0]
@@ -94,9 +101,32 @@ def test_pose_model_goes_to_the_cascade_alone(folder: Path) -> None:
         replay(folder, pose_model="speed")
 
 
+def test_one_guess_for_every_depth_uses_no_truth(folder: Path) -> None:
+    result = replay(folder, estimator="cascade", stop=3.0, initial_depth=(3.0, 2.0))
+    run = result.runs["cascade"][0]
+    assert (run.log.prior.depth == 3.0).all()
+    assert run.log.prior.depth_sd == 2.0
+    truth = run.log.truth
+    assert truth is not None
+    for track in run.tracks:
+        r, m = run.log.robots.index(track["robot"]), run.log.points.index(track["point"])
+        assert track["initial_error_m"] == pytest.approx(3.0 - truth.depth[0, r, m], abs=0.01)
+    assert result.options["initial_depth_m"] == [3.0, 2.0]
+
+
+def test_first_pose_is_off_by_what_was_asked_for(folder: Path) -> None:
+    result = replay(folder, estimator="cascade", stop=1.0, initial_pose_error=(1.0, -2.0, 0.5))
+    prior, truth = result.runs["cascade"][0].log.prior, result.runs["cascade"][0].log.truth
+    assert truth is not None
+    np.testing.assert_allclose(prior.pose[0] - truth.relative[0], [[1.0, -2.0, 0.5]] * 2)
+    np.testing.assert_allclose(prior.pose_sd, [1.0, 2.0, 0.5])
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [
+        ({"initial_depth": (3.0, 0.0)}, "`guess`, `sd` must be positive, but are 3.0 and 0.0"),
+        ({"initial_depth": (3.0, 2.0), "initial_depth_error": 1.0}, "`initial_depth` must be left out where"),
         ({"estimator": "cascades"}, "`estimator` must be the name .* Did you mean 'cascade'"),
         ({"robots": (1, 2)}, "`robots` must be left out"),
         ({"velocity": "mocap"}, "`velocity` must be left out"),
