@@ -1,4 +1,4 @@
-"""`python -m benchmarks`: speed beside other environments, from the command line."""
+"""`python -m benchmarks`: speed beside other environments and estimators beside the bound, from the command line."""
 
 import json
 from pathlib import Path
@@ -14,7 +14,7 @@ app = typer.Typer(
 
 @app.callback()
 def _benchmarks() -> None:
-    """How fast the environments are, and where the time goes."""
+    """How fast the environments are, where the time goes, and how good the estimators are."""
 
 
 @app.command()
@@ -99,6 +99,30 @@ def profile(
     out.mkdir(parents=True, exist_ok=True)
     (out / "profile.json").write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
     Console().print(table(found))
+
+
+@app.command()
+def estimators(
+    out: Annotated[Path, typer.Option(help="Folder for estimators.json.")] = Path("out/estimators"),
+    runs: Annotated[int, typer.Option(min=1, help="Random runs of each row.")] = 1000,
+    seconds: Annotated[float, typer.Option(min=5.0, help="How long each run is [s].")] = 40.0,
+    seed: Annotated[int, typer.Option(min=0, help="Of everything random.")] = 0,
+    only: Annotated[list[str] | None, typer.Option(help="Name of a row; may be given again.")] = None,
+) -> None:
+    """Each estimator's errors against the information bound, its honesty, and the time of a sample."""
+    from benchmarks.estimator_targets import accuracy_table, cost_table
+    from benchmarks.estimators import run
+    from benchmarks.report import progress
+    from benchmarks.targets import target_table
+
+    try:
+        with progress() as tell:
+            results = run(out, only=only, runs=runs, seconds=seconds, seed=seed, tell=tell)
+    except (ValueError, OSError) as error:
+        _stop(str(error))
+    console = Console()
+    console.print(accuracy_table(results), cost_table(results), target_table(results))
+    console.print(f"Results: {out / 'estimators.json'}")
 
 
 def _stop(message: str) -> NoReturn:
