@@ -110,10 +110,9 @@ def estimators(
     only: Annotated[list[str] | None, typer.Option(help="Name of a row; may be given again.")] = None,
 ) -> None:
     """Each estimator's errors against the information bound, its honesty, and the time of a sample."""
-    from benchmarks.estimator_targets import accuracy_table, cost_table
+    from benchmarks.estimator_targets import accuracy_table, cost_table, target_table
     from benchmarks.estimators import run
     from benchmarks.report import progress
-    from benchmarks.targets import target_table
 
     try:
         with progress() as tell:

@@ -27,7 +27,7 @@ def cost(seed: int, runs: int, seconds: float) -> dict[str, Any]:
     config = MapAlignmentConfig(image_noise=SCENE.image_noise, odometry_noise=(SCENE.odometry_noise,) * 2)
     found = {}
     for m in range(2, POINTS + 1):
-        chosen = np.flatnonzero(drawn.truth.count == m)[:runs]
+        chosen = np.flatnonzero(drawn.truth.used == m)[:runs]
         local = [min(_filter(drawn, n, m, config) for _ in range(REPEATS)) for n in chosen]
         align = np.concatenate([_alignments(drawn, n, m, config) for n in chosen])
         found[str(m)] = {
@@ -58,7 +58,7 @@ def _filter(runs: Runs, n: int, m: int, config: MapAlignmentConfig) -> float:
     estimator.reset(prior, rows)
     begin = time.perf_counter()
     estimator.update(samples, rows)
-    return 1e6 * (time.perf_counter() - begin) / samples.period.shape[1]
+    return 1e6 * (time.perf_counter() - begin) / len(samples.period[0])
 
 
 def _alignments(runs: Runs, n: int, m: int, config: MapAlignmentConfig) -> Float:

@@ -15,7 +15,7 @@ from benchmarks.scenarios import DT, POINTS, Runs, Scene, bounds, draw
 from relloc_env.estimators import make
 from relloc_env.estimators.config import CascadeConfig, MapAlignmentConfig
 from relloc_env.metrics import nees, pose_errors, wrap
-from relloc_env.samples import Float, Samples
+from relloc_env.samples import Bool, Float, Samples
 
 Tell = Callable[[float, str], object]
 BATCH = 100
@@ -115,7 +115,8 @@ def run(
     if timed:
         tell(1.0, "cost of a sample")
         results["cost"] = cost(seed, timed, seconds)
-    results["targets"] = [target.as_dict() for target in targets(results, ROWS)]
+    scenes = {name: row.scene for name, row in ROWS.items()}
+    results["targets"] = list(targets(results, scenes, {name: row.judged_from for name, row in ROWS.items()}))
     (out / "estimators.json").write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
     return results
 
@@ -170,7 +171,8 @@ def figures(parts: Sequence[Found]) -> dict[str, Any]:
     square, honest = nees(errors, bound), nees(errors, claimed)
     rmse = np.sqrt(np.mean(errors**2, axis=1))
     least = np.sqrt(np.mean(np.diagonal(bound, axis1=-2, axis2=-1), axis=1))
-    far = (np.hypot(errors[..., 0], errors[..., 1]) > FAR[0]) | (np.abs(errors[..., 2]) > FAR[1])
+    normal = np.random.default_rng(0).standard_normal((*errors.shape, 100))
+    at_bound = np.moveaxis(np.linalg.cholesky(bound) @ normal, -2, -1)
     return {
         "runs": errors.shape[1],
         "times": list(times),
@@ -182,6 +184,12 @@ def figures(parts: Sequence[Found]) -> dict[str, Any]:
         "nees_median": np.median(honest, axis=1).tolist(),
         "nees_quantile": np.quantile(honest, 0.95, axis=1).tolist(),
         "inconsistent": np.mean(honest > 30.0, axis=1).tolist(),
-        "lost": np.mean(far, axis=1).tolist(),
+        "lost": np.mean(_far(errors), axis=1).tolist(),
+        "lost_at_bound": np.mean(_far(at_bound), axis=(1, 2)).tolist(),
         "nees_back": np.mean(back, axis=1).tolist(),
     }
+
+
+def _far(errors: Float) -> Bool:
+    """Which errors (..., 3) are of a lost run."""
+    return (np.hypot(errors[..., 0], errors[..., 1]) > FAR[0]) | (np.abs(errors[..., 2]) > FAR[1])

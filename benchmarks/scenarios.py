@@ -10,12 +10,14 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.random import Generator
+from numpy.typing import NDArray
 
 from relloc_env.kernels.bound import bound_reset, bound_step
 from relloc_env.kernels.information import pose_covariance
 from relloc_env.metrics import relative_poses, wrap
 from relloc_env.samples import Bool, Float, Prior, Samples
 
+Int = NDArray[np.int64]
 DT = 0.05
 """[s] between two samples."""
 POINTS = 4
@@ -34,6 +36,8 @@ LEAST_SEEN = 0.75
 """Part of the time that each robot sees each point in a scene that is kept."""
 WHOLE = 40.0
 """[s] time over which that is counted."""
+APART = 0.7
+"""[m] least distance of two points on the plan."""
 BURST = 1.0
 """[s] mean length of a burst of missed detections."""
 
@@ -73,7 +77,7 @@ class Truth(NamedTuple):
     """[m/s, m/s, rad/s] (N, K, 2, 3) over the interval before each sample."""
     points: Float
     """[m] (N, M, 3), {W}."""
-    count: Float
+    used: Int
     """(N,) number of points in use."""
     heights: Float
     """[m] (N, 2) of the cameras."""
@@ -137,11 +141,13 @@ def bounds(runs: Runs, scene: Scene, at: list[int]) -> Float:
     noise = np.full((3, 2), scene.odometry_noise)
     noise[2] = scene.image_noise
     extra = (1 if scene.height else 0) + (4 if scene.scale else 0)
-    for n, count in enumerate(truth.count.astype(int)):
+    for n, count in enumerate(truth.used):
         points, size = truth.points[n, :count], 3 * (count + 1) + extra
         covariance, work = np.zeros((size, size)), np.zeros((2, size))
         sighted, visible = np.zeros((2, count), np.bool_), np.ascontiguousarray(runs.informative[n, :, :, :count])
-        bound_reset(covariance, sighted, truth.poses[n, 0], runs.prior.pose_sd, scene.height, 100.0)
+        bound_reset(
+            covariance, sighted, truth.poses[n, 0], runs.prior.pose_sd, scene.height, 100.0, scene.scale, scene.scale
+        )
         depth_sd = np.full(2, runs.prior.depth_sd)
         for k in range(at[-1] + 1):
             here = (truth.poses[n, k], points, truth.heights[n], visible[k], truth.velocity[n, k], DT if k else 0.0)
@@ -157,32 +163,36 @@ def _paper_like(runs: int, steps: int) -> Truth:
     start = np.broadcast_to([[0.0, -0.8, -0.1], [0.0, 1.0, 0.25]], (runs, 2, 3))
     points = np.full((runs, POINTS, 3), 1e3)
     points[:, :2] = [[7.0, 0.8, 0.4], [7.0, -1.2, 0.3]]
-    return Truth(_integrate(start, velocity), velocity, points, np.full(runs, 2.0), np.zeros((runs, 2)))
+    return Truth(_integrate(start, velocity), velocity, points, np.full(runs, 2), np.zeros((runs, 2)))
 
 
 def _random(scene: Scene, runs: int, steps: int, rng: Generator) -> Truth:
-    """Draw candidates until enough were kept: those in which each robot sees each point long enough."""
-    whole, kept, found = max(steps, round(WHOLE / DT) + 1), [], 0
-    while found < runs:
-        truth = _candidates(scene, 2 * runs + 50, whole, rng)
-        _, inside, _ = _project(truth, HALF_VIEW)
-        used = np.arange(POINTS) < truth.count[:, None]
-        enough = (inside.mean(axis=1) >= LEAST_SEEN) & inside[:, 0]
-        apart = np.linalg.norm(truth.points[:, :, None] - truth.points[:, None], axis=-1) + 9.0 * np.eye(POINTS)
-        apart[~(used[:, :, None] & used[:, None])] = 9.0
-        good = (enough | ~used[:, None]).all(axis=(1, 2)) & (apart > 0.7).all(axis=(1, 2))
-        kept.append(Truth._make(field[good] for field in truth))
-        found += int(good.sum())
-    truth = Truth._make(np.concatenate(fields)[:runs] for fields in zip(*kept, strict=True))
+    """Draw how many points each run has, then candidates until as many were kept; runs are in the order of points."""
+    whole, kept = max(steps, round(WHOLE / DT) + 1), []
+    for m, missing in enumerate(np.bincount(rng.integers(2, POINTS + 1, runs)).tolist()):
+        while missing > 0:
+            truth = _candidates(scene, 3 * missing + 5, m, whole, rng)
+            good = np.flatnonzero(_is_kept(truth))[:missing]
+            kept.append(Truth._make(field[good] for field in truth))
+            missing -= len(good)  # noqa: PLW2901
+    truth = Truth._make(np.concatenate(fields) for fields in zip(*kept, strict=True))
     return truth._replace(poses=truth.poses[:, :steps].copy(), velocity=truth.velocity[:, :steps].copy())
 
 
-def _candidates(scene: Scene, n: int, steps: int, rng: Generator) -> Truth:
-    count = rng.integers(2, POINTS + 1, n).astype(float)
+def _is_kept(truth: Truth) -> Bool:
+    """(N,) whether each robot sees each point at first and long enough, and the points are apart on the plan."""
+    _, inside, _ = _project(truth, HALF_VIEW)
+    unused = np.arange(POINTS) >= truth.used[:, None]
+    enough = (inside.mean(axis=1) >= LEAST_SEEN) & inside[:, 0]
+    apart = np.linalg.norm(truth.points[:, :, None, :2] - truth.points[:, None, :, :2], axis=-1) > APART
+    alike = np.eye(POINTS, dtype=np.bool_) | unused[:, :, None] | unused[:, None]
+    return (enough | unused[:, None]).all(axis=(1, 2)) & (apart | alike).all(axis=(1, 2))
+
+
+def _candidates(scene: Scene, n: int, m: int, steps: int, rng: Generator) -> Truth:
     ahead, bearing = rng.uniform(3.0, 7.0, (n, POINTS)), rng.uniform(-0.6, 0.6, (n, POINTS))
     points = np.stack([ahead, ahead * np.tan(bearing), rng.uniform(-0.4, 1.0, (n, POINTS))], axis=-1)
-    used = np.arange(POINTS) < count[:, None]
-    centre = (points * used[..., None]).sum(axis=1) / count[:, None]
+    centre = points[:, :m].mean(axis=1)
     start = np.zeros((n, 2, 3))
     start[:, 1, 0] = rng.uniform(-1.5, 1.0, n)
     start[:, 1, 1] = rng.uniform(1.0, 3.0, n) * rng.choice([-1.0, 1.0], n)
@@ -205,7 +215,7 @@ def _candidates(scene: Scene, n: int, steps: int, rng: Generator) -> Truth:
     if scene.still_a:
         velocity[:, :, 0, 2] = 0.0
     velocity[:, 0] = 0.0
-    return Truth(_integrate(start, velocity), velocity, points, count, np.zeros((n, 2)))
+    return Truth(_integrate(start, velocity), velocity, points, np.full(n, m), np.zeros((n, 2)))
 
 
 def _integrate(start: Float, velocity: Float) -> Float:
@@ -228,7 +238,7 @@ def _project(truth: Truth, half_view: float) -> tuple[Float, Bool, Float]:
     up = truth.points[:, None, None, :, 2] - truth.heights[:, None, :, None]
     with np.errstate(divide="ignore", invalid="ignore"):
         image = np.stack([-left / depth, -up / depth], axis=-1)
-    used = np.arange(POINTS) < truth.count[:, None, None, None]
+    used = np.arange(POINTS) < truth.used[:, None, None, None]
     return image, used & (depth > NEAREST) & (np.abs(image) < half_view).all(axis=-1), depth
 
 

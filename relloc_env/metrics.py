@@ -213,6 +213,7 @@ def trajectory_bound(
     depth_sd: ArrayLike = 1.0,
     pose_sd: ArrayLike = (1.5, 1.5, math.pi / 3.0),
     height_sd: float | None = None,
+    scale_sd: tuple[float, float] | None = None,
     unseen_sd: float = 100.0,
     vertical: bool = True,
 ) -> TrajectoryBound:
@@ -230,19 +231,21 @@ def trajectory_bound(
         depth_sd: [m] guess of a depth at first sight, of each robot (R,) or of all; inf: none.
         pose_sd: [m, m, rad] (3,) prior of each other robot's pose in the frame of the first.
         height_sd: [m] prior of each difference of camera heights; None: known exactly.
+        scale_sd: [-] prior of the scales of each robot's speed and yaw rate; None: known exactly.
         unseen_sd: [m] prior of each coordinate of a point before its first sight.
         vertical: whether images have their second coordinate.
     """
     samples, robots, count = np.shape(visible)
     pairs = ordered_pairs(robots)
     size = 3 * (count + robots - 1) + (0 if height_sd is None else robots - 1)
+    size += 0 if scale_sd is None else 2 * robots
     covariance, work, sighted = np.zeros((size, size)), np.zeros((2, size)), np.zeros((robots, count), dtype=np.bool_)
     guesses, image, speed, turn = (
         np.ascontiguousarray(np.broadcast_to(np.asarray(sd, dtype=np.float64), robots))
         for sd in (depth_sd, image_sd, speed_sd, turn_sd)
     )
     prior: NDArray[np.float64] = np.asarray(pose_sd, dtype=np.float64)
-    bound_reset(covariance, sighted, poses[0], prior, height_sd or 0.0, unseen_sd)
+    bound_reset(covariance, sighted, poses[0], prior, height_sd or 0.0, unseen_sd, *(scale_sd or ()))
     result = TrajectoryBound(np.zeros((samples, len(pairs), 3, 3)), np.zeros((samples, robots, count, 3, 3)))
     for s in range(samples):
         here = (poses[s], points, camera_heights, visible[s], velocity[s], period[s])

@@ -6,14 +6,17 @@ to robot A (index 0), in the axes of the world,
 
 - point i: R(theta_A) δq_i with q_i the point in {A}, and δh_i, its height above A's camera;
 - robot k > 0: the twist (rho, theta) of its pose relative to A, R(theta_A) δr_k = rho + J r_k theta with r_k in {W};
-- where camera heights are not exact, robot k > 0: δd_k, the height of A's camera above that of k.
+- where camera heights are not exact, robot k > 0: δd_k, the height of A's camera above that of k;
+- where the scale of the odometry is not exact, every robot: δk_v, δk_w, the scales of its speed and its yaw rate.
 
-The transition is then the identity, whatever the motion; odometry noise adds to the covariance and measurements
-reduce it. The state is in this order, 3 M + 3 (R - 1) numbers and R - 1 more where camera heights are not exact.
+The transition is then the identity, whatever the motion, but for errors of scale, which move the poses; odometry noise
+adds to the covariance and measurements reduce it. The state is in this order, 3 M + 3 (R - 1) numbers, R - 1 more where
+camera heights are not exact and 2 R more where scales are not.
 
 What the bound knows: the depth of a point to `depth_sd` for each robot, from its first sight on (infinite: no such
-guess); the pose prior of every robot in {A}; odometry with white noise and no error of scale; points that stay where
-they are and are told apart; every image of every robot at once (perfect network).
+guess); the pose prior of every robot in {A}; odometry with white noise, and no error of scale or a constant one that is
+known to its prior; points that stay where they are and are told apart; every image of every robot at once (perfect
+network).
 """
 
 import math
@@ -39,7 +42,14 @@ def _arc_noise(theta, v, lateral, w, dt):
 
 
 @kernel
-def bound_reset(covariance, sighted, poses, pose_sd, height_sd, unseen_sd):
+def _scales(covariance, robots, count):
+    """First index of the scales in the state; 0 where they are exact."""
+    size = covariance.shape[0]
+    return size - 2 * robots if size - 3 * (count + robots - 1) >= 2 * robots else 0
+
+
+@kernel
+def bound_reset(covariance, sighted, poses, pose_sd, height_sd, unseen_sd, speed_scale_sd=0.0, turn_scale_sd=0.0):
     """Start the bound of one environment, before its first images.
 
     Args:
@@ -49,6 +59,7 @@ def bound_reset(covariance, sighted, poses, pose_sd, height_sd, unseen_sd):
         pose_sd: [m, m, rad] (3,) prior of the pose of each robot k > 0 in {A}.
         height_sd: [m] prior of each height difference of cameras, where D has room for them.
         unseen_sd: [m] prior of each coordinate of a point before anyone has seen it.
+        speed_scale_sd, turn_scale_sd: [-] prior of the scales of the odometry, where D has room for them.
     """
     covariance[:] = 0.0
     sighted[:] = False
@@ -68,12 +79,64 @@ def bound_reset(covariance, sighted, poses, pose_sd, height_sd, unseen_sd):
         covariance[t + 1, t + 2] = covariance[t + 2, t + 1] = -x * turn
     for i in range(3 * (count + robots - 1), covariance.shape[0]):
         covariance[i, i] = height_sd * height_sd
+    scales = _scales(covariance, robots, count)
+    if scales > 0:
+        for k in range(robots):
+            covariance[scales + 2 * k, scales + 2 * k] = speed_scale_sd * speed_scale_sd
+            covariance[scales + 2 * k + 1, scales + 2 * k + 1] = turn_scale_sd * turn_scale_sd
+
+
+@kernel
+def _twist(work, poses, points, k, v_x, v_y, w_x, w_y, turn):
+    """Write what two errors of the motion of robot k, at its place, do to the state into the rows of `work`.
+
+    Args:
+        work: (2, D) scratch, written from `begin` to `end`.
+        poses, points: as of `bound_move`.
+        k: the robot.
+        v_x, v_y: [m] displacement by the first error, {W}; it does not turn.
+        w_x, w_y, turn: [m, m, rad] displacement and turn by the second.
+
+    Returns:
+        (begin, end): the part of the state that is moved.
+    """
+    count, robots = points.shape[0], poses.shape[0]
+    begin = 0 if k == 0 else 3 * (count + k - 1)
+    end = 3 * (count + robots - 1) if k == 0 else begin + 3
+    w_x, w_y = w_x + turn * poses[k, 1], w_y - turn * poses[k, 0]
+    for i in range(begin, end, 3):
+        work[0, i], work[0, i + 1], work[0, i + 2] = v_x, v_y, 0.0
+        work[1, i], work[1, i + 1], work[1, i + 2] = w_x, w_y, turn
+    if k == 0:
+        for i in range(count):
+            work[1, 3 * i] -= turn * points[i, 1]
+            work[1, 3 * i + 1] += turn * points[i, 0]
+            work[1, 3 * i + 2] = 0.0
+    return begin, end
+
+
+@kernel
+def _move_by_scales(covariance, work, poses, points, velocity, dt, scales):
+    """Move the poses by the errors of scale, P = F P Fᵀ; `scales` is their first index, the rest as of `bound_move`."""
+    for k in range(poses.shape[0]):
+        v, lateral, w = velocity[k, 0], velocity[k, 1], velocity[k, 2]
+        e_x, e_y, w_x, w_y = _arc_noise(poses[k, 2], v, lateral, w, dt)
+        c_x, c_y = v * e_x - lateral * e_y, v * e_y + lateral * e_x
+        begin, end = _twist(work, poses, points, k, c_x, c_y, w * w_x, w * w_y, w * dt)
+        at = scales + 2 * k
+        for i in range(begin, end):
+            for j in range(covariance.shape[0]):
+                covariance[i, j] += work[0, i] * covariance[at, j] + work[1, i] * covariance[at + 1, j]
+        for i in range(begin, end):
+            for j in range(covariance.shape[0]):
+                covariance[j, i] += work[0, i] * covariance[j, at] + work[1, i] * covariance[j, at + 1]
 
 
 @kernel
 def bound_move(covariance, work, poses, points, velocity, dt, speed_sd, turn_sd):
     """Add the odometry noise of one sample: P += G diag(speed_sd², turn_sd²) Gᵀ for each robot.
 
+    Before that, where the state has scales, P = F P Fᵀ with F = 1 + G [v, w] [δk_v, δk_w].
     Noise moves the estimated end of the arc by a twist. That of robot k > 0 adds to its own twist; that of A, with
     the sign reversed, to everything, as everything is told relative to A.
 
@@ -87,21 +150,14 @@ def bound_move(covariance, work, poses, points, velocity, dt, speed_sd, turn_sd)
         speed_sd, turn_sd: [m/s, rad/s] (R,) noise of the odometry of each sample.
     """
     count, robots = points.shape[0], poses.shape[0]
+    scales = _scales(covariance, robots, count)
+    if scales > 0:
+        _move_by_scales(covariance, work, poses, points, velocity, dt, scales)
     for k in range(robots):
         turn = turn_sd[k] * dt
         v_x, v_y, w_x, w_y = _arc_noise(poses[k, 2], velocity[k, 0], velocity[k, 1], velocity[k, 2], dt)
-        v_x, v_y = speed_sd[k] * v_x, speed_sd[k] * v_y
-        w_x, w_y = turn_sd[k] * w_x + turn * poses[k, 1], turn_sd[k] * w_y - turn * poses[k, 0]
-        begin = 0 if k == 0 else 3 * (count + k - 1)
-        end = 3 * (count + robots - 1) if k == 0 else begin + 3
-        for i in range(begin, end, 3):
-            work[0, i], work[0, i + 1], work[0, i + 2] = v_x, v_y, 0.0
-            work[1, i], work[1, i + 1], work[1, i + 2] = w_x, w_y, turn
-        if k == 0:
-            for i in range(count):
-                work[1, 3 * i] -= turn * points[i, 1]
-                work[1, 3 * i + 1] += turn * points[i, 0]
-                work[1, 3 * i + 2] = 0.0
+        v_x, v_y, w_x, w_y = speed_sd[k] * v_x, speed_sd[k] * v_y, turn_sd[k] * w_x, turn_sd[k] * w_y
+        begin, end = _twist(work, poses, points, k, v_x, v_y, w_x, w_y, turn)
         for i in range(begin, end):
             a, b = work[0, i], work[1, i]
             for j in range(begin, end):
@@ -114,7 +170,8 @@ def indices(covariance, robots, count, robot):
     if robot == 0:
         return 0, 0
     end = 3 * (count + robots - 1)
-    return 3 * (count + robot - 1), (end + robot - 1 if covariance.shape[0] > end else 0)
+    heights = (covariance.shape[0] - end) % (2 * robots) > 0
+    return 3 * (count + robot - 1), (end + robot - 1 if heights else 0)
 
 
 @kernel

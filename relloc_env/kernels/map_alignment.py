@@ -16,7 +16,7 @@ from relloc_env.kernels.alignment import (
     start_at,
     start_from_heading,
 )
-from relloc_env.kernels.heading_grid import CIRCLE_NODES, heading_grid
+from relloc_env.kernels.heading_grid import FIRST, MOST_NODES, heading_grid
 from relloc_env.kernels.map_tracking import observe
 from relloc_env.kernels.motion import wrap_angle
 from relloc_env.kernels.pair_tracking import invert_pose, keep_pair, show_pose
@@ -59,7 +59,7 @@ def align_pair(maps, pairs, options, heights, problem, starts, nodes, n, p, a, b
         maps, pairs, options: see there.
         heights: (R,) [m] of the cameras.
         problem: the workspace of the alignment.
-        starts: (≥ 2, 3 M + 4) and nodes: (≥ CIRCLE_NODES, ≥ 7) scratch.
+        starts: (≥ 2, 3 M + 4) and nodes: (MOST_NODES + 1, ≥ FIRST + 3 M + 4) scratch.
         n, p, a, b: environment, pair, observer and observed.
         work: (≥ 6, ≥ 3) scratch.
     """
@@ -127,24 +127,22 @@ def align_pair(maps, pairs, options, heights, problem, starts, nodes, n, p, a, b
         if pairs.since_grid[n, p] < options.grid_period:
             return
         pairs.since_grid[n, p] = 0.0
-        node_cost = heading_grid(
+        node = heading_grid(
             problem,
             m,
             best,
             second,
             pairs.has_second[n, p],
-            anchored[2],
             sd,
             options.iterations,
             options.tolerance,
             nodes,
-            other,
             anchored,
             anchored_cov,
         )
-        if node_cost < cost:
+        if node >= 0 and nodes[node, FIRST - 1] < cost:
             for i in range(3):
-                mode[i] = other[last + i]
+                mode[i] = nodes[node, FIRST + last + i]
         return
     for i in range(3):
         anchored[i] = mode[i]
@@ -226,4 +224,6 @@ def take_samples(
 
 def scratch(points: int, size: int) -> tuple[Problem, Float, Float, Float]:
     """Return the scratch that `take_samples` needs for maps of `size` numbers."""
-    return make_problem(points), np.zeros((2, 3 * points + 4)), np.zeros((CIRCLE_NODES, 7)), np.zeros((max(size, 6), 3))
+    unknowns = 3 * points + 4
+    nodes = np.zeros((MOST_NODES + 1, FIRST + unknowns))
+    return make_problem(points), np.zeros((2, unknowns)), nodes, np.zeros((max(size, 6), 3))
