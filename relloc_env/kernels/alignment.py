@@ -21,6 +21,9 @@ from relloc_env.kernels.motion import wrap_angle
 
 Float = NDArray[np.float64]
 
+SOON = 12
+"""Steps after which a minimum is sought another way."""
+
 
 class Problem(NamedTuple):
     """One alignment: what is given, and the workspace; made once for m points, used with any number up to that."""
@@ -59,13 +62,15 @@ class Problem(NamedTuple):
     """(3 m + 4,)."""
     trial: Float
     """(3 m + 4,)."""
+    start: Float
+    """(3 m + 4,)."""
 
 
 def make_problem(points: int) -> Problem:
     """Return the workspace for alignments of up to `points` points."""
     m, n = 3 * points, 3 * points + 4
     shapes: list[tuple[int, ...]] = [(m,), (m,), (m, m), (m, m), (4,), (4, 4), (m, 13), (m,), (m,), (4,), (m,), (m, 5)]
-    shapes += [(n, n), (n, n), (n,), (n,), (n,)]
+    shapes += [(n, n), (n, n), (n,), (n,), (n,), (n,)]
     return Problem(*(np.zeros(shape) for shape in shapes))
 
 
@@ -255,9 +260,9 @@ def minimise(problem, m, y, free, iterations, tolerance):
         tolerance: [-] ends where the next step promises to lower J by less.
 
     Returns:
-        (J, log det H): infinite J where no minimum was found.
+        (J, log det H, whether it ended before the `iterations` did): infinite J where no minimum was found.
     """
-    step, trial = problem.step, problem.trial
+    step, trial, ended = problem.step, problem.trial, False
     for i in range(3 * m + 4):
         trial[i] = y[i]
     cost, damping = math.inf, 0.0
@@ -270,12 +275,12 @@ def minimise(problem, m, y, free, iterations, tolerance):
             assemble(problem, m, y)
             damping = 0.1 * damping if damping > 1e-4 else 0.0
         elif cost == math.inf:
-            return math.inf, 0.0
+            return math.inf, 0.0, True
         else:
             damping = max(10.0 * damping, 1e-3)
         while not factor_damped(problem, free, damping):
             if damping > 1e6:
-                return math.inf, 0.0
+                return math.inf, 0.0, True
             damping = max(10.0 * damping, 1e-6)
         for i in range(free):
             step[i] = -problem.gradient[i]
@@ -285,11 +290,37 @@ def minimise(problem, m, y, free, iterations, tolerance):
             promise -= step[i] * problem.gradient[i]
             trial[i] = y[i] + step[i]
         if promise < tolerance:
+            ended = True
             break
     if damping > 0.0 and not factor_damped(problem, free, 0.0):
-        return math.inf, 0.0
+        return math.inf, 0.0, True
     y[3 * m + 3] = wrap_angle(y[3 * m + 3])
-    return cost, log_determinant(problem.factor, free)
+    return cost, log_determinant(problem.factor, free), ended
+
+
+@kernel
+def settle(problem, m, y, free, iterations, tolerance):
+    """`minimise`, once more where it did not end soon: with the pose held, then with all free.
+
+    Bearings are known far better than ranges, so that J has a narrow, curved valley. A start off its floor, as A's own
+    map is where the other map disagrees about the ranges, takes very many steps; its floor is near for a given pose.
+    """
+    start = problem.start
+    for i in range(3 * m + 4):
+        start[i] = y[i]
+    cost, log_det, ended = minimise(problem, m, y, free, SOON, tolerance)
+    if ended:
+        return cost, log_det
+    for i in range(3 * m + 4):
+        start[i], y[i] = y[i], start[i]
+    minimise(problem, m, y, 3 * m, SOON, tolerance)
+    other, log_det, _ = minimise(problem, m, y, free, iterations, tolerance)
+    if other <= cost:
+        return other, log_det
+    for i in range(3 * m + 4):
+        y[i] = start[i]
+    cost, log_det, _ = minimise(problem, m, y, free, iterations, tolerance)
+    return cost, log_det
 
 
 @kernel

@@ -8,7 +8,7 @@ much from one to the next, so that a narrow peak is resolved as well as a wide o
 import math
 
 from relloc_env.kernels._compile import kernel
-from relloc_env.kernels.alignment import minimise, start_at
+from relloc_env.kernels.alignment import settle, start_at
 from relloc_env.kernels.motion import wrap_angle
 
 CIRCLE_NODES = 36
@@ -45,7 +45,7 @@ def _fill(problem, m, nodes, node, offset, mode, iterations, tolerance):
     """
     last, y = 3 * m + 1, nodes[node, FIRST:]
     y[last + 2] = mode + offset
-    cost, log_det = minimise(problem, m, y, last + 2, iterations, tolerance)
+    cost, log_det = settle(problem, m, y, last + 2, iterations, tolerance)
     nodes[node, 0] = offset
     weight = -0.5 * (cost + log_det)
     if not cost < math.inf or weight <= nodes[node, 1]:

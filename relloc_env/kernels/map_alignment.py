@@ -11,8 +11,8 @@ from relloc_env.kernels.alignment import (
     load_maps,
     load_prior,
     make_problem,
-    minimise,
     pose_covariance,
+    settle,
     start_at,
     start_from_heading,
 )
@@ -95,7 +95,7 @@ def align_pair(maps, pairs, options, heights, problem, starts, nodes, n, p, a, b
             start_from_heading(problem, m, heading, LEAST_INVERSE_RANGE, other)
         else:
             continue
-        other_cost, other_log_det = minimise(problem, m, other, unknowns, options.iterations, options.tolerance)
+        other_cost, other_log_det = settle(problem, m, other, unknowns, options.iterations, options.tolerance)
         far = cost == math.inf or abs(wrap_angle(other[last + 2] - best[last + 2])) > SECOND_HEADING
         if other_cost < cost:
             # The challenger leads; the former leader, if another optimum, becomes the rival.

@@ -94,8 +94,9 @@ def test_the_minimum_and_its_covariance_are_scipys_5_cases_each(points: int, hei
         case = Case(seed, points, height_sd)
         problem, n = case.problem(), 3 * points + 4
         y = np.concatenate([case.start(), np.zeros(3)])
-        cost, log_det = alignment.minimise(problem, points, y, n, 100, 1e-14)
+        cost, log_det, ended = alignment.minimise(problem, points, y, n, 100, 1e-14)
         fit = least_squares(case.residuals, case.start(), method="lm", xtol=1e-14, ftol=1e-14, gtol=1e-14)
+        assert ended
         assert_allclose(cost, 2.0 * fit.cost, rtol=1e-8, atol=1e-9)
         assert_allclose(y[:n], fit.x, atol=1e-5)
         jac: Float = np.asarray(fit.jac, dtype=np.float64)
