@@ -78,7 +78,7 @@ def run(
     out: Path, *, only: Sequence[str] | None = None, runs: int = 1000, seconds: float = 40.0, seed: int = 0,
     timed: int = 4, tell: Tell = lambda *_: None,
 ) -> dict[str, Any]:  # fmt: skip
-    """Measure, and write `estimators.json` into a folder.
+    """Measure, and write `estimators.json` into a folder, anew after each row.
 
     Args:
         out: folder, made where it is missing.
@@ -99,8 +99,11 @@ def run(
         if name not in ROWS:
             raise ValueError(f"Argument `only` must be among {', '.join(ROWS)}, but has `{name}`")
     out.mkdir(parents=True, exist_ok=True)
-    names = list(only or ROWS)
+    names, scenes = list(only or ROWS), {name: row.scene for name, row in ROWS.items()}
     results: dict[str, Any] = {"settings": {"runs": runs, "seconds": seconds, "seed": seed}, "rows": []}
+    if timed:
+        tell(0.0, "cost of a sample")
+        results["cost"] = cost(seed, timed, seconds)
     for index, name in enumerate(names):
         row = ROWS[name]
         parts: dict[str, list[Found]] = {which: [] for which in row.estimators}
@@ -112,12 +115,8 @@ def run(
                 parts[which].append(found)
         for which, some in parts.items():
             results["rows"].append({"name": name, "words": row.words, "estimator": which, **figures(some)})
-    if timed:
-        tell(1.0, "cost of a sample")
-        results["cost"] = cost(seed, timed, seconds)
-    scenes = {name: row.scene for name, row in ROWS.items()}
-    results["targets"] = list(targets(results, scenes, {name: row.judged_from for name, row in ROWS.items()}))
-    (out / "estimators.json").write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
+        results["targets"] = list(targets(results, scenes, {name: row.judged_from for name, row in ROWS.items()}))
+        (out / "estimators.json").write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
     return results
 
 
