@@ -27,6 +27,8 @@ NEGLIGIBLE = 1e-3
 """[-] part of the whole that a cell has to hold to be divided."""
 TAIL = 8.0
 """[-] the nodes end where the log weight is lower than the highest by more."""
+HOPELESS = 25.0
+"""[-] nodes are not sought beyond one whose log weight is lower than that of the optimum they started from by more."""
 LEAST_GAP = 1e-4
 """[rad] nodes nearer to each other are not parted: there the weight jumps from one minimum of the rest to another."""
 FIRST = 8
@@ -109,11 +111,14 @@ def _place(problem, m, best, second, has_second, sd, iterations, tolerance, node
     count = CIRCLE_NODES if circle else LOCAL_NODES
     spacing = 2.0 * math.pi / count if circle else LOCAL_SPACING * sd
     middle = count // 2
-    for step in range(count):
-        # Upwards from the optimum, then downwards from there.
-        node = step + middle if step + middle < count else count - 1 - step
-        _begin(nodes, node, m, best if step == 0 else nodes[node + (1 if node < middle else -1), FIRST:])
-        _fill(problem, m, nodes, node, (node - middle) * spacing, mode, iterations, tolerance)
+    for node in range(count):
+        nodes[node, 0], nodes[node, 1] = (node - middle) * spacing, -math.inf
+    for direction in (1, -1):
+        for node in range(middle if direction == 1 else middle - 1, count if direction == 1 else -1, direction):
+            _begin(nodes, node, m, best if node == middle else nodes[node - direction, FIRST:])
+            _fill(problem, m, nodes, node, nodes[node, 0], mode, iterations, tolerance)
+            if nodes[node, 1] < nodes[middle, 1] - HOPELESS:
+                break
     if has_second:
         # The rest may have several minima for one heading: the nodes are reached from the second optimum as well.
         apart = wrap_angle(second[2] - mode)
@@ -131,7 +136,7 @@ def _place(problem, m, best, second, has_second, sd, iterations, tolerance, node
                     nodes[count, FIRST + i] = nodes[at - direction, FIRST + i]
                 nodes[count, 1] = weight
                 _fill(problem, m, nodes, count, offset, mode, iterations, tolerance)
-                if not nodes[count, 1] > weight:
+                if not nodes[count, 1] > max(weight, nodes[node, 1] - HOPELESS):
                     break
                 nodes[at] = nodes[count]
                 at += direction
