@@ -13,7 +13,7 @@ from benchmarks.estimator_cost import cost
 from benchmarks.estimator_targets import targets
 from benchmarks.scenarios import DT, POINTS, Runs, Scene, bounds, draw
 from relloc_env.estimators import make
-from relloc_env.estimators.config import CascadeConfig, MapAlignmentConfig
+from relloc_env.estimators.config import PRESETS, BuiltIn
 from relloc_env.metrics import nees, pose_errors, wrap
 from relloc_env.samples import Bool, Float, Samples
 
@@ -32,7 +32,8 @@ class Row:
 
     words: str
     scene: Scene
-    estimators: tuple[str, ...] = ("map-alignment", "cascade", "cascade, critical gains", "cascade-critical")
+    estimators: tuple[str, ...] = ("map-alignment", "inverse-depth", "cascade", "cascade-critical")
+    """Names of the registry."""
     late: int = 0
     """[samples] before each of the times at which the errors are looked at: just before the next alignment."""
     judged_from: float = 5.0
@@ -59,19 +60,13 @@ ROWS: Mapping[str, Row] = {
 }
 
 
-def configuration(name: str, row: Row) -> CascadeConfig | MapAlignmentConfig:
+def configuration(name: str, row: Row) -> BuiltIn:
     """Options of an estimator in a row: it is told the noise, and what it does not know where it has a state for it."""
     scene = row.scene
-    noise: dict[str, Any] = {"image_noise": scene.image_noise, "odometry_noise": (scene.odometry_noise,) * 2}
+    told: dict[str, Any] = {"image_noise": scene.image_noise, "odometry_noise": (scene.odometry_noise,) * 2}
     if name == "map-alignment":
-        unknown: dict[str, Any] = {"height_sd": scene.height, "scale_sd": (scene.scale,) * 2}
-        return MapAlignmentConfig(**noise, **unknown, **dict(row.options))
-    how: dict[str, dict[str, Any]] = {
-        "cascade": {},
-        "cascade, critical gains": {"damping": "critical"},
-        "cascade-critical": {"damping": "critical", "measurement": "depth", "process": "odometry"},
-    }
-    return CascadeConfig(**noise, **how[name])
+        told |= {"height_sd": scene.height, "scale_sd": (scene.scale,) * 2, **dict(row.options)}
+    return PRESETS[name].model_copy(update=told)
 
 
 def run(
@@ -145,7 +140,7 @@ def measure(name: str, runs: int, seconds: float, seed: int, batch: int) -> Iter
         yield which, Found(times, errors[:, :, 0], claimed[:, :, 0], bound, back)
 
 
-def follow(runs: Runs, config: CascadeConfig | MapAlignmentConfig, at: list[int]) -> tuple[Float, Float]:
+def follow(runs: Runs, config: BuiltIn, at: list[int]) -> tuple[Float, Float]:
     """Errors (T, N, 2, 3) and claimed covariances (T, N, 2, 3, 3) of one estimator after the samples `at`."""
     n = len(runs.truth.points)
     estimator, rows = make(config, n, 2, POINTS), np.arange(n)

@@ -186,7 +186,8 @@ def _is_kept(truth: Truth) -> Bool:
     enough = (inside.mean(axis=1) >= LEAST_SEEN) & inside[:, 0]
     apart = np.linalg.norm(truth.points[:, :, None, :2] - truth.points[:, None, :, :2], axis=-1) > APART
     alike = np.eye(POINTS, dtype=np.bool_) | unused[:, :, None] | unused[:, None]
-    return (enough | unused[:, None]).all(axis=(1, 2)) & (apart | alike).all(axis=(1, 2))
+    good: Bool = (enough | unused[:, None]).all(axis=(1, 2)) & (apart | alike).all(axis=(1, 2))
+    return good
 
 
 def _candidates(scene: Scene, n: int, m: int, steps: int, rng: Generator) -> Truth:

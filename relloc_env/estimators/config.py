@@ -78,8 +78,6 @@ class CascadeConfig(EstimatorOptions):
     """[-] standard deviation of normalised image coordinates."""
     odometry_noise: tuple[NonNegativeFloat, NonNegativeFloat] = (0.01, 0.01)
     """[m/s, rad/s] standard deviation of the odometry of one sample: forward speed, yaw rate."""
-    grid_period: PositiveFloat | None = 0.2
-    """[s] while the heading is uncertain, the pose comes from a grid of headings, renewed this often. None: never."""
     unheard_sd: tuple[NonNegativeFloat, NonNegativeFloat] = (0.1, 0.2)
     """[m/s, rad/s] how far the other robot's velocity may be from the last one heard while no message comes."""
     max_gap: PositiveFloat = 0.3
@@ -136,7 +134,7 @@ class MapAlignmentConfig(EstimatorOptions):
     of each sample where messages may be late or lost)."""
     challenger_every: Annotated[int, Field(ge=1)] = 3
     """[alignments] between two challengers of the global search once the heading is known; one each before."""
-    grid_period: PositiveFloat | None = 0.2
+    grid_period: PositiveFloat | None = 0.25
     """[s] while the heading is uncertain, the pose comes from a grid of headings, renewed this often. None: never."""
     mirror: bool = True
     """Whether a direction that is aligned from the same two maps as the other, whose heading is well known, takes the

@@ -11,6 +11,7 @@ from relloc_env.kernels.alignment import (
     load_maps,
     load_prior,
     make_problem,
+    minimise,
     pose_covariance,
     settle,
     start_at,
@@ -95,7 +96,10 @@ def align_pair(maps, pairs, options, heights, problem, starts, nodes, n, p, a, b
             start_from_heading(problem, m, heading, LEAST_INVERSE_RANGE, other)
         else:
             continue
-        other_cost, other_log_det = settle(problem, m, other, unknowns, options.iterations, options.tolerance)
+        if source < 2:
+            other_cost, other_log_det = settle(problem, m, other, unknowns, options.iterations, options.tolerance)
+        else:
+            other_cost, other_log_det, _ = minimise(problem, m, other, unknowns, options.iterations, options.tolerance)
         far = cost == math.inf or abs(wrap_angle(other[last + 2] - best[last + 2])) > SECOND_HEADING
         if other_cost < cost:
             # The challenger leads; the former leader, if another optimum, becomes the rival.

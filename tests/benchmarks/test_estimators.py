@@ -116,7 +116,7 @@ def test_targets_are_judged_from_when_they_are_meant():
 def test_map_alignment_is_near_the_bound_and_honest_and_the_cascade_is_not(name, tmp_path):
     """60 runs of 20 s: NEES of 60 is 3 ± 0.3, the whitened error 1 ± 0.05 where errors are Gaussian."""
     results = estimators.run(tmp_path, only=[name], runs=60, seconds=20.0, seed=5, timed=0)
-    ours, cascade, _, best = results["rows"]
+    ours, baseline, cascade, best = results["rows"]
     assert (ours["estimator"], cascade["estimator"], best["estimator"]) == (
         "map-alignment",
         "cascade",
@@ -126,8 +126,9 @@ def test_map_alignment_is_near_the_bound_and_honest_and_the_cascade_is_not(name,
     assert 0.8 < ours["whitened"][2] < 1.35
     assert all(2.0 < value < 4.2 for value in ours["nees"][1:] + ours["nees_back"][1:])
     assert ours["inconsistent"][2] <= 1 / 60
-    assert min(cascade["whitened"][2], best["whitened"][2]) > 10.0 * ours["whitened"][2]
-    assert min(cascade["nees"][2], best["nees"][2]) > 300.0
+    for other in (baseline, cascade, best):
+        assert other["whitened"][2] > 5.0 * ours["whitened"][2]
+        assert other["nees"][2] > 100.0
     assert json.loads((tmp_path / "estimators.json").read_text("utf-8")) == json.loads(json.dumps(results))
     assert accuracy_table(results).row_count == 4
     assert target_table(results).row_count > 4

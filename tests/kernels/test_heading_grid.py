@@ -48,7 +48,8 @@ class Case:
             at = np.r_[best[:6], best[7:9]]
             for theta in part:
                 fit = least_squares(self.residuals, at, args=(theta,), method="lm", x_scale=np.r_[self.sd, 1.0, 1.0])
-                at, hessian = fit.x, fit.jac.T @ fit.jac
+                jac: Float = np.asarray(fit.jac, dtype=np.float64)
+                at, hessian = fit.x, jac.T @ jac
                 weight = -fit.cost - 0.5 * np.linalg.slogdet(hessian)[1]
                 found.append((weight, np.r_[at[6:], theta], np.linalg.inv(hessian)[6:, 6:]))
         weights = np.exp(np.array([f[0] for f in found]) - max(f[0] for f in found))
@@ -83,20 +84,15 @@ def test_moments_are_those_of_many_headings_however_wide_the_posterior_was_thoug
             assert_allclose(covariance / np.outer(scale, scale), expected / np.outer(scale, scale), atol=0.1)
 
 
-def test_a_narrow_valley_is_entered_from_a_bad_start() -> None:
-    """40 cases: ranges of A's own map are far from where both maps agree, bearings are known to 1e-4."""
-    slow = 0
-    for seed in range(40):
-        case = Case(10 + seed, 1e-4, 0.08)
+def test_where_a_minimum_is_not_found_soon_holding_the_pose_first_helps() -> None:
+    """240 cases: ranges of A's own map are far from where both maps agree, bearings are known to 1e-4 to 1e-3."""
+    gains = []
+    for seed in range(240):
+        case = Case(10 + seed, (1e-4, 1e-3)[seed % 2], 0.08)
         problem, start = case.problem(), np.r_[case.a, 0.0, case.xi + 0.2]
-        slow += not alignment.minimise(problem, POINTS, start.copy(), 10, 30, 1e-6)[2]
-        y = start.copy()
-        cost, _ = alignment.settle(problem, POINTS, y, 10, 30, 1e-6)
-        fit = least_squares(
-            lambda x, case=case: case.residuals(x[:8], x[8]),
-            np.r_[y[:6], y[7:]],
-            method="lm",
-            x_scale=np.r_[case.sd, 1, 1, 1],
-        )
-        assert cost == pytest.approx(2.0 * fit.cost, abs=1e-3)
-    assert slow >= 5
+        plain, _, ended = alignment.minimise(problem, POINTS, start.copy(), 10, 30, 1e-6)
+        if not ended:
+            gains.append(plain - alignment.settle(problem, POINTS, start.copy(), 10, 30, 1e-6)[0])
+    assert len(gains) >= 10
+    assert sum(gain > 0.1 for gain in gains) > 2 * sum(gain < -0.1 for gain in gains)
+    assert np.mean(gains) > 1.0
