@@ -98,6 +98,15 @@ def test_figures_of_errors_drawn_from_the_bound_are_nominal():
     assert found["lost"][0] == pytest.approx(found["lost_at_bound"][0], abs=0.01)
 
 
+def test_an_estimate_that_is_no_number_is_a_lost_and_inconsistent_run():
+    covariance = np.broadcast_to(0.01 * np.eye(3), (1, 4, 3, 3))
+    errors = np.full((1, 4, 3), 0.1)
+    errors[0, 1] = np.nan
+    found = estimators.figures([estimators.Found((5.0,), errors, covariance.copy(), covariance, errors[..., 0])])
+    assert found["broken"] == found["lost"] == found["inconsistent"] == [0.25]
+    assert np.isfinite(found["whitened"] + found["nees"] + found["nees_back"]).all()
+
+
 def test_targets_are_judged_from_when_they_are_meant():
     row = {"name": "no-prior", "words": "w", "estimator": "map-alignment", "times": [5.0, 10.0, 20.0, 40.0]}
     row |= {"whitened": [9.0, 9.0, 1.1, 1.25], "nees": [9.0, 9.0, 3.0, 2.2], "nees_quantile": [9.0] * 4}
