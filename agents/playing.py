@@ -47,7 +47,10 @@ SCORES: Mapping[str, str] = {
 }
 """What is scored in each episode, and in what unit. Times and areas are told apart by estimator; J, bounds are not."""
 
-CURVES = ("information", "depth_share", "position_error", "heading_error", "position_bound", "excitation")
+CURVES = (
+    "information", "depth_share", "position_error", "heading_error", "depth_bound", "position_bound", "heading_bound",
+    "excitation",
+)  # fmt: skip
 """What is kept over time, as quartiles over the episodes."""
 KEPT = 6
 """Episodes of which the ways are kept."""

@@ -16,7 +16,7 @@ def _script(law: scripted.Law) -> Callable[[Task], Policy]:
     return partial(scripted.Scripted, law=law)
 
 
-AGENTS: Mapping[str, Callable[[Task], Policy]] = {
+SCRIPTED: Mapping[str, Callable[[Task], Policy]] = {
     "stationary": _script(scripted.stationary),
     "straight": _script(scripted.straight),
     "paper": _script(scripted.paper),
@@ -27,15 +27,23 @@ AGENTS: Mapping[str, Callable[[Task], Policy]] = {
     "figure-eight": _script(scripted.figure_eight),
     "spiral": _script(scripted.spiral),
     "random": scripted.RandomSmooth,
+}
+"""Agents that move by the clock. What builds each from a task, as in the groups below."""
+
+FEEDBACK: Mapping[str, Callable[[Task], Policy]] = {
     "edge": Edge,
     "edge-near": partial(Edge, near=0.7, far=2.0),
     "edge-two": partial(Edge, near=0.7, far=1.5, keep=2),
     "edge-nearest": partial(Edge, near=0.6, far=2.0, keep=1),
 }
-"""What builds each agent from a task: scripted and feedback laws."""
+"""Agents that answer to what they see."""
 
 PLANNED: Mapping[str, Callable[[Task], Policy]] = {"planner": Planner, "open-loop-optimum": OpenLoop}
 """Agents that plan, reported apart, with their cost; `open-loop-optimum` knows the truth."""
+
+AGENTS = {**SCRIPTED, **FEEDBACK}
+"""Agents that cost next to nothing: what is played unless others are asked for."""
+GROUPS = {"scripted": SCRIPTED, "feedback": FEEDBACK, "planned": PLANNED}
 
 
 def agent(name: str) -> Callable[[Task], Policy]:
@@ -49,7 +57,7 @@ def agent(name: str) -> Callable[[Task], Policy]:
     if name.startswith(PREFIX):
         return partial(Learned, path=name.removeprefix(PREFIX))
     if ":" in name:
-        build: Callable[[Task], Policy] = load(name)
+        build: Callable[[Task], Policy] = load(name, "agents")
         return build
     known = {**AGENTS, **PLANNED}
     if name not in known:
@@ -57,6 +65,13 @@ def agent(name: str) -> Callable[[Task], Policy]:
         hint = f"; did you mean `{close[0]}`?" if close else ""
         raise ValueError(f"Unknown agent `{name}`{hint} Known: {', '.join(known)}")
     return known[name]
+
+
+def group(name: str) -> str:
+    """Return the name of the group that an agent is in: `learned` for a saved policy, `own` for one of the user's."""
+    if name.startswith(PREFIX):
+        return "learned"
+    return next((title for title, agents in GROUPS.items() if name in agents), "own")
 
 
 def make(name: str, task: Task) -> Policy:

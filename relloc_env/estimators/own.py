@@ -31,8 +31,12 @@ def make_own(config: OwnConfig, num_envs: int, robots: int, points: int, message
     return estimator
 
 
-def load(path: str) -> Any:
+def load(path: str, argument: str = "estimator") -> Any:
     """Return what `module:Name` or `path/to/file.py:Name` names.
+
+    Args:
+        path: see above.
+        argument: what the caller calls it, for errors.
 
     Raises:
         ValueError: a module or file that cannot be imported, or has no such name.
@@ -43,11 +47,11 @@ def load(path: str) -> Any:
         found = operator.attrgetter(name)(module)
     except (ImportError, OSError, AttributeError) as error:
         raise ValueError(
-            f"Argument `estimator` must lead to a class or function, but {path!r} does not: {error}"
+            f"Argument `{argument}` must lead to a class or function, but {path!r} does not: {error}"
         ) from error
     if not callable(found):
         raise TypeError(
-            f"Argument `estimator` must lead to a class or function, but {path!r} is {type(found).__name__}"
+            f"Argument `{argument}` must lead to a class or function, but {path!r} is {type(found).__name__}"
         )
     return found
 
