@@ -92,9 +92,28 @@ def benchmark(
     try:
         with bar() as tell:
             run(asked, out, cores=cores, tell=tell)
-    except (ValueError, OSError) as error:
+    except (TypeError, ValueError, OSError) as error:
         _stop(str(error))
     typer.echo(f"Results: {out}. Make the page of them: python -m agents report {out}")
+
+
+@app.command()
+def report(
+    out: Annotated[Path, typer.Argument(help="Folder that `benchmark` has filled.", metavar="DIR")],
+    animations: Annotated[bool, typer.Option(help="Draw an episode of each agent, some seconds each.")] = True,
+) -> None:
+    """Make the page about a folder of results: DIR/report.html, and DIR/summary.json with every figure of its tables."""
+    try:
+        from agents.demo_progress import bar
+        from agents.report import report as make
+    except ModuleNotFoundError as error:
+        _stop(f"The package `{error.name}` is missing: pip install -e '.[agents]'")
+    try:
+        with bar() as tell:
+            page = make(out, animations=animations, tell=tell)
+    except (ValueError, OSError) as error:
+        _stop(str(error))
+    typer.echo(f"Page: {page}")
 
 
 def _names(text: str) -> tuple[str, ...]:
