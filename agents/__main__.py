@@ -102,7 +102,7 @@ def report(
     out: Annotated[Path, typer.Argument(help="Folder that `benchmark` has filled.", metavar="DIR")],
     animations: Annotated[bool, typer.Option(help="Draw an episode of each agent, some seconds each.")] = True,
 ) -> None:
-    """Make the page about a folder of results: DIR/report.html, and DIR/summary.json with every figure of its tables."""
+    """Make the page about a folder of results, report.html in it, and summary.json with every figure of its tables."""
     try:
         from agents.demo_progress import bar
         from agents.report import report as make

@@ -7,6 +7,7 @@ A file is put in its place whole, once its episodes are over: what was stopped i
 import json
 import os
 import time
+import zlib
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from dataclasses import asdict, dataclass
@@ -297,5 +298,6 @@ def _title(job: Job) -> str:
 
 
 def _slug(name: str) -> str:
-    """A name as part of a file's name: of `path/to/file.py:MyAgent`, what is after the colon."""
-    return name.rpartition(":")[2]
+    """A name as part of a file's name: of `path/to/file.py:MyAgent`, what is after the colon and a mark of the path."""
+    path, _, own = name.rpartition(":")
+    return f"{own}-{zlib.crc32(path.encode()):08x}" if path else name

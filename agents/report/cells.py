@@ -59,7 +59,8 @@ def cell(figure: Figure, column: Column) -> Cell:
     digits, scale = column.digits, column.scale
     notes = []
     if not math.isnan(figure.low) and figure.low != figure.high:
-        notes.append(f"{number(scale * figure.low, digits)}–{number(scale * figure.high, digits)}")
+        between = "–" if figure.low >= 0.0 else " … "
+        notes.append(between.join(number(scale * end, digits) for end in (figure.low, figure.high)))
     if not math.isnan(figure.share):
         notes.append(f"{100.0 * figure.share:.0f} %")
     return Cell(number(scale * figure.value, digits), " · ".join(notes))

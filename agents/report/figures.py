@@ -45,6 +45,8 @@ POINTS = 61
 """Most instants that are drawn of a curve."""
 DECADES = 3.3
 """Most powers of ten that a logarithmic axis covers, from the greatest value down."""
+MOST = 200.0
+"""Times what counts as found, up to which a logarithmic axis goes."""
 REPEAT = len(LINES)
 
 
@@ -120,7 +122,7 @@ def _draw(axis: Axes, result: Result, panel: Panel, place: int) -> None:
 
 def _logarithmic(axis: Axes, values: Float, panel: Panel) -> None:
     positive = values[np.isfinite(values) & (values > 0.0)]
-    top = min(float(positive.max()), 1e3 * (panel.mark or 1.0)) if positive.size else 1.0
+    top = min(float(positive.max()), MOST * (panel.mark or 1.0)) if positive.size else 1.0
     low = max(float(positive.min()), top / 10.0**DECADES) if positive.size else 0.1
     axis.set_yscale("log")
     axis.set_ylim(0.8 * min(low, 0.5 * (panel.mark or low)), 1.3 * top)

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from agents.benchmark import IDS, Asked, Result, of
-from agents.report.columns import J_10, J_END, POSE_SIZE, Figure, figures
 from agents.registry import group
+from agents.report.columns import J_10, J_END, POSE_SIZE, Figure, figures
 from agents.statistics import mean_difference
 from relloc_env.metrics import nees_band
 from relloc_env.scenarios import suite
