@@ -110,7 +110,7 @@ def compared(estimators: Mapping[str, Any], robots: int) -> list[tuple[Head, dic
             better = -1 if column.better == 0 else column.better
             target = [-abs(v - 0.95) for v in values] if column.key == "nees_inside" else [better * v for v in values]
             rows[name] = _best(cells, target)
-        found.append((_head(column, robots), rows))
+        found.append((head(column, robots), rows))
     return found
 
 
@@ -122,12 +122,13 @@ def _table(title: str, about: str, columns: tuple[Column, ...], agents: Mapping[
         cells = [cell(figure, column) for figure in figures]
         upright.append(_best(cells, [column.better * f.value for f in figures]) if column.better else cells)
     rows = {name: [column[k] for column in upright] for k, name in enumerate(agents)}
-    return Table(title, about, [_head(column, robots) for column in chosen], rows)
+    return Table(title, about, [head(column, robots) for column in chosen], rows)
 
 
-def _head(column: Column, robots: int) -> Head:
-    name = column.alone if robots == 1 and column.alone is not None else column.head
-    return Head(name, column.unit, column.about)
+def head(column: Column, robots: int) -> Head:
+    """What stands above a column."""
+    name = column.alone[0] if robots == 1 and column.alone is not None else column.head
+    return Head(name, column.unit, column.about(robots))
 
 
 def _best(cells: list[Cell], goodness: list[float]) -> list[Cell]:

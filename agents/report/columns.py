@@ -48,23 +48,23 @@ class Column:
     """From the score's unit to the one shown."""
     robots: tuple[int, ...] = (1, 2)
     """Numbers of robots for which it is shown."""
-    alone: str | None = None
-    """What one robot's column is called, where that differs."""
+    alone: tuple[str, str] | None = None
+    """Head of one robot's column and what it is, where that differs."""
 
     @property
     def key(self) -> str:
         """Its name in summary.json."""
         return f"{self.score}_{self.kind}" if self.kind else self.score
 
-    @property
-    def about(self) -> str:
+    def about(self, robots: int) -> str:
         """What it is, for the page's reader."""
         ways = {
             "mean": "mean of ",
             "rms": "root mean square of ",
             "inside": "share of episodes inside the 95 % band of ",
         }
-        return ways.get(self.kind, "median of ") + SCORES[self.score]
+        what = self.alone[1] if robots == 1 and self.alone is not None else SCORES[self.score]
+        return ways.get(self.kind, "median of ") + what
 
 
 def _of(statistic: Callable[[Float], Interval]) -> Callable[[Float], Figure]:
@@ -97,7 +97,15 @@ TOLD = (
     Column("information_mean", "J, mean", "nats", MEDIAN, better=1),
     Column("time_bound_pose", "pose known", "s", _time, 1, -1, robots=BOTH),
     Column("time_bound_depth", "depths known", "s", _time, 1, -1),
-    Column("position_bound_end", "position, end", "m", MEDIAN, 3, -1, alone="worst range, end"),
+    Column(
+        "position_bound_end",
+        "position, end",
+        "m",
+        MEDIAN,
+        3,
+        -1,
+        alone=("worst range, end", "bound of the worst range at the end [m]"),
+    ),
     Column("heading_bound_end", "heading, end", "°", MEDIAN, 2, -1, robots=BOTH),
 )
 """What a motion tells: by the bound, as an ideal estimator would know."""

@@ -75,20 +75,13 @@ def _about(asked: Asked, summary: Mapping[str, Any], places: Mapping[str, int]) 
     """What the head of the page says."""
     scripted = next((name for name in places if group(name) == "scripted"), None)
     chosen = [*list(places)[:CHOSEN], *([scripted] if scripted else [])]
-    shown = [
-        (title, columns.shown(part, summary["robots"]))
-        for title, part in (
-            ("the motion", columns.TOLD),
-            ("the estimator", columns.MADE),
-            ("the robots", columns.MOVED),
-        )
-    ]
+    every = columns.shown(columns.TOLD + columns.MADE + columns.MOVED, summary["robots"])
     return {
         "summary": summary,
         "task": asked.env.rpartition("/")[2],
         "agents": [_agent(name, place, name in chosen) for name, place in places.items()],
         "estimators": [e for e in asked.estimators if any(e in s["estimators"] for s in summary["suites"].values())],
-        "shown": shown,
+        "shown": [cells.head(column, summary["robots"]) for column in every],
         "overview": _overview(summary),
         "costs": _costs(summary),
         "costly": COSTLY,

@@ -170,7 +170,7 @@ class TestAsked:
         ("option", "value", "message"),
         [
             ("--suite", "open-feld", "Unknown suite `open-feld`; did you mean `open-field`?"),
-            ("--estimators", "cascad", "did you mean"),
+            ("--estimators", "cascad", "'cascade'?"),
             ("--seeds", "tests", "Unknown set of seeds `tests`; did you mean `test`?"),
             ("--env", "relloc_env/RelativePose", "Argument `env` must be one of relloc_env/ActiveDepth-v0"),
             ("--episodes", "10001", "from 1 to 10000"),
