@@ -19,7 +19,7 @@ import numpy as np
 
 import relloc_env
 from agents.playing import CURVES, SCORES, play, quartiles
-from agents.registry import agent
+from agents.registry import agent, short
 from relloc_env.config import EnvConfig, load_config
 from relloc_env.samples import Float
 from relloc_env.scenarios import seeds, suite
@@ -298,6 +298,5 @@ def _title(job: Job) -> str:
 
 
 def _slug(name: str) -> str:
-    """A name as part of a file's name: of `path/to/file.py:MyAgent`, what is after the colon and a mark of the path."""
-    path, _, own = name.rpartition(":")
-    return f"{own}-{zlib.crc32(path.encode()):08x}" if path else name
+    """A name as part of a file's name: of one with a path, its short name and a mark of the whole."""
+    return f"{short(name)}-{zlib.crc32(name.encode()):08x}" if ":" in name else name

@@ -74,6 +74,16 @@ def group(name: str) -> str:
     return next((title for title, agents in GROUPS.items() if name in agents), "own")
 
 
+def short(name: str) -> str:
+    """Return what is left of an agent's or estimator's name without its path: `MyAgent`, `policy.zip`."""
+    return name.rpartition(":")[2].rpartition("/")[2]
+
+
+def knows_truth(name: str) -> bool:
+    """Whether an agent of these groups is shown the truth."""
+    return any(getattr(agents.get(name), "knows_truth", False) for agents in GROUPS.values())
+
+
 def make(name: str, task: Task) -> Policy:
     """Build the agent of this name, see `agent`."""
     return agent(name)(task)

@@ -105,6 +105,9 @@ def rollout(
     task = Task.of(env)
     policy.reset(1, seed)
     observations, infos = env.reset(seed=seed)
+    if getattr(policy, "knows_truth", False):
+        world = env.core.simulation.world
+        policy.see(world.pose.copy(), world.points.copy())  # type: ignore[attr-defined]
     record = _Record(env, task)
     record.add(observations, infos, frames)
     total = 0.0

@@ -20,6 +20,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from agents.benchmark import Result
 from agents.demo_figures import LINES, STYLE
 from agents.playing import DEPTH_SHARE, POSE
+from agents.registry import short
 from agents.statistics import median
 from relloc_env.samples import Float
 
@@ -180,7 +181,7 @@ def _name(
     for agent, height in zip(order, heights, strict=True):
         place = places[agent]
         note = axis.annotate(
-            agent.rpartition(":")[2], spots[agent], xytext=(x + 0.05 * x, height), va="center", fontsize=8.5,
+            short(agent), spots[agent], xytext=(x + 0.05 * x, height), va="center", fontsize=8.5,
             color=colour(place), annotation_clip=False, gid=f"a a{place} name",
             arrowprops={"arrowstyle": "-", "color": colour(place), "lw": 0.5, "relpos": (0.0, 0.5), "shrinkB": 4.0},
         )  # fmt: skip

@@ -3,6 +3,7 @@
 import json
 import math
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ from markupsafe import Markup
 
 from agents.benchmark import Asked, Result, load, of
 from agents.playing import DEPTH_SHARE, POSE
-from agents.registry import group
+from agents.registry import group, knows_truth, short
 from agents.report import cells, columns, figures
 from agents.report.films import film
 from agents.report.maps import maps
@@ -52,7 +53,8 @@ def report(out: Path, *, animations: bool = True, tell: Tell = lambda *_: None) 
     films: dict[str, str] = {}
     for k, name in enumerate(places if animations else ()):
         tell(f"film: {name}", 0.6 + 0.4 * k / len(places))
-        films[name] = film(_filmed(asked, results, name).job)
+        with suppress(ValueError, TypeError):  # Somebody's own, whose file is not there any more.
+            films[name] = film(_filmed(asked, results, name).job)
     page = _environment().get_template("page.html.j2").render(
         **_about(asked, summary, places), suites=suites, films=films, film_of=_film_of(asked, results, films),
     )  # fmt: skip
@@ -67,7 +69,7 @@ def _environment() -> Environment:
         loader=FileSystemLoader(Path(__file__).parent), autoescape=True, undefined=StrictUndefined,
         trim_blocks=True, lstrip_blocks=True,
     )  # fmt: skip
-    environment.filters["short"] = lambda name: name.rpartition(":")[2]
+    environment.filters["short"] = short
     return environment
 
 
@@ -92,8 +94,9 @@ def _about(asked: Asked, summary: Mapping[str, Any], places: Mapping[str, int]) 
 
 
 def _agent(name: str, place: int, chosen: bool) -> dict[str, Any]:
+    title = group(name) + (", knows the truth" if knows_truth(name) else "")
     dashed, colour = figures.dash(place) != "-", place % figures.REPEAT
-    return {"name": name, "k": place, "colour": colour, "dashed": dashed, "chosen": chosen, "group": group(name)}
+    return {"name": name, "k": place, "colour": colour, "dashed": dashed, "chosen": chosen, "group": title}
 
 
 def _suite(
