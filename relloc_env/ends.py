@@ -6,6 +6,7 @@ import numpy as np
 
 from relloc_env.config import EnvConfig
 from relloc_env.kernels._compile import inner, kernel
+from relloc_env.kernels.lanes import natural
 from relloc_env.samples import Float
 
 
@@ -17,28 +18,29 @@ def pack_ends(config: EnvConfig) -> Float:
 
 
 @inner
-def end_action(reward, joint_reward, collided, worst_sd, elapsed, ends, terminated, truncated, n):
-    """Count the actions; the mean of the robots' rewards; and which episodes are over.
+def end_action(reward, joint_reward, collided, worst_sd, elapsed, ends, terminated, truncated, robots, n):
+    """Count the actions; the mean of the robots' rewards; and which episodes are over. Arrays are flat.
 
     Args:
-        reward: (N, R) of each robot.
+        reward: (N R) of each robot.
         joint_reward: (N,) written.
-        collided: (N, R) whether something was touched during the action.
-        worst_sd: [m, rad] (N, 2) of the bound.
+        collided: (N R) whether something was touched during the action.
+        worst_sd: [m, rad] (N 2) of the bound.
         elapsed: (N,) actions since the start, counted on.
         ends: as `pack_ends` gives them.
         terminated, truncated: (N,) written.
+        robots: R.
         n: environment that moved.
     """
-    robots = reward.shape[1]
+    n = natural(n)
     elapsed[n] += 1
-    total, touched = 0.0, False
+    total, touched, first = 0.0, False, natural(n * robots)
     for r in range(robots):
-        total += reward[n, r]
-        touched = touched or collided[n, r]
+        total += reward[first + r]
+        touched |= collided[first + r]
     joint_reward[n] = total / robots
     over = ends[1] > 0.0 and touched
-    if ends[2] > 0.0 and worst_sd[n, 0] <= ends[3] and worst_sd[n, 1] <= ends[4]:
+    if ends[2] > 0.0 and worst_sd[2 * n] <= ends[3] and worst_sd[2 * n + 1] <= ends[4]:
         over = True
     terminated[n] = over
     truncated[n] = elapsed[n] >= ends[0]

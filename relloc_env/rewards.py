@@ -24,7 +24,7 @@ from relloc_env.kernels.information import (
     pose_information,
     range_variance,
 )
-from relloc_env.kernels.lanes import W
+from relloc_env.kernels.lanes import W, natural
 from relloc_env.kernels.motion import wrap_angle
 
 TERMS: Mapping[str, str] = {
@@ -201,8 +201,8 @@ def _inform(bound, depth_info, pose_info, pose_cov, worst_sd, pose, points, n):
 _X, _Y, _THETA, _COS, _SIN, _V, _LATERAL = (k * W for k in range(7))
 _ROBOT = 7
 # of points: x, y, z; of a robot and a point,
-_SEEN, _EXCITATION, _RHO, _KNOWN, _ERROR, _SHARE = (k * W for k in range(6))
-_SIGHT = 6
+_SEEN, _EXCITATION, _RHO, _KNOWN, _ERROR, _SHARE, _SIGHTED = (k * W for k in range(7))
+_SIGHT = 7
 # and of a pair of robots.
 _POSE, _DISTANCE, _TURN = 0 * W, 3 * W, 4 * W
 _PAIR = 5
@@ -211,89 +211,85 @@ _PAIR = 5
 @inner
 def _face(t, p, width):
     """Cosine and sine of a robot's heading."""
-    t = t[p:]
+    p = natural(p)
     for i in range(width):
-        t[i + _SIN], t[i + _COS] = sin_cos(t[i + _THETA])
+        t[p + i + _SIN], t[p + i + _COS] = sin_cos(t[p + i + _THETA])
 
 
 @inner
 def _excite(t, p, q, s, height, dt, width):
     """Add the excitation of one sample, where the point is seen."""
-    t, u, sight = t[p:], t[q:], t[s:]
+    p, q, s = natural(p), natural(q), natural(s)
     for i in range(width):
-        _, x, y = view(t[i + _X], t[i + _Y], t[i + _COS], t[i + _SIN], height, u[i], u[i + W], u[i + 2 * W])
-        gained = excitation(x, y, t[i + _V], t[i + _LATERAL]) * dt
-        sight[i + _EXCITATION] += gained if sight[i + _SEEN] != 0.0 else 0.0
+        _, x, y = view(t[p + i + _X], t[p + i + _Y], t[p + i + _COS], t[p + i + _SIN], height, t[q + i], t[q + i + W], t[q + i + 2 * W])
+        gained = excitation(x, y, t[p + i + _V], t[p + i + _LATERAL]) * dt
+        t[s + i + _EXCITATION] += gained if t[s + i + _SEEN] != 0.0 else 0.0
 
 
 @inner
 def _range_error(t, p, q, s, width):
     """Estimated minus true range of a point, and its share of the range, at most 1."""
-    t, u, sight = t[p:], t[q:], t[s:]
+    p, q, s = natural(p), natural(q), natural(s)
     for i in range(width):
-        d_x, d_y = u[i] - t[i + _X], u[i + W] - t[i + _Y]
+        d_x, d_y = t[q + i] - t[p + i + _X], t[q + i + W] - t[p + i + _Y]
         true = np.sqrt(d_x * d_x + d_y * d_y)
-        error = 1.0 / max(sight[i + _RHO], 1e-6) - true if sight[i + _KNOWN] != 0.0 else np.inf
-        sight[i + _ERROR], sight[i + _SHARE] = error, min(1.0, abs(error) / true)
+        error = 1.0 / max(t[s + i + _RHO], 1e-6) - true if t[s + i + _KNOWN] != 0.0 else np.inf
+        t[s + i + _ERROR], t[s + i + _SHARE] = error, min(1.0, abs(error) / true)
 
 
 @inner
 def _pose_error(t, a, b, s, width):
     """Distance and angle between the estimated and the true pose of b in {a}."""
-    first, second, pair = t[a:], t[b:], t[s:]
+    a, b, s = natural(a), natural(b), natural(s)
     for i in range(width):
-        cos, sin = first[i + _COS], first[i + _SIN]
-        r_x, r_y = second[i + _X] - first[i + _X], second[i + _Y] - first[i + _Y]
-        d_x = pair[i + _POSE] - (cos * r_x + sin * r_y)
-        d_y = pair[i + _POSE + W] - (cos * r_y - sin * r_x)
-        turn = pair[i + _POSE + 2 * W] - (second[i + _THETA] - first[i + _THETA])
-        pair[i + _DISTANCE], pair[i + _TURN] = np.sqrt(d_x * d_x + d_y * d_y), abs(wrap_angle(turn))
+        cos, sin = t[a + i + _COS], t[a + i + _SIN]
+        r_x, r_y = t[b + i + _X] - t[a + i + _X], t[b + i + _Y] - t[a + i + _Y]
+        d_x = t[s + i + _POSE] - (cos * r_x + sin * r_y)
+        d_y = t[s + i + _POSE + W] - (cos * r_y - sin * r_x)
+        turn = t[s + i + _POSE + 2 * W] - (t[b + i + _THETA] - t[a + i + _THETA])
+        t[s + i + _DISTANCE], t[s + i + _TURN] = np.sqrt(d_x * d_x + d_y * d_y), abs(wrap_angle(turn))
 
 
 @kernel
 def score_action(
     terms, depth_error, pose_error, reward, last_action, points, collided, blocked, seen, true_pose, true_velocity,
-    e_points, e_known, e_pose, heights, joint_reward, worst_sd, elapsed, terminated, truncated,
-    actions, weights_, ends, params_, pairs, rows, started,
+    heights, joint_reward, worst_sd, elapsed, terminated, truncated,
+    e_points, e_known, e_pose, actions, weights_, ends, params_, pairs, block, rows, started,
 ):  # fmt: skip
     """Score one action by the truth: errors, every term but those of the bound, rewards, and which episodes are over.
 
+    Arrays are flat (`kernels.lanes.flat`) but for those of the estimate.
+
     Args:
         terms, depth_error, pose_error: of `Score`, written.
-        reward: (N, R) written.
-        last_action: [-] (N, R, 2) written: `actions`, clipped to [-1, 1].
+        reward: (N R) written.
+        last_action: [-] (N R 2) written: `actions`, clipped to [-1, 1].
         points, collided, blocked: of `World`.
         seen: of `Samples`.
         true_pose, true_velocity: of `Truth`, of the same samples.
-        e_points, e_known, e_pose: of `Estimate`.
         heights: [m] (R,) of the cameras.
         joint_reward, worst_sd, elapsed, terminated, truncated: as for `ends.end_action`.
-        actions: [-] (N, R, 2) what was done.
+        e_points, e_known, e_pose: of `Estimate`.
+        actions: [-] (N R 2) what was done.
         weights_: (T,) weight of each term.
         ends: `ends.pack_ends`.
         params_: record.
         pairs: (P, 2) ordered pairs.
+        block: samples of the action.
         rows: environments that moved.
         started: whether an episode has just started: errors alone are refreshed.
     """
-    block, robots, count, width = seen.shape[1], seen.shape[2], seen.shape[3], params_[0].width
+    robots, count, width = heights.shape[0], params_[0].targets, params_[0].width
+    e_points, e_known, e_pose = e_points.ravel(), e_known.ravel(), e_pose.ravel()
     at = robots * _ROBOT * W
     sights = at + count * 3 * W
     others = sights + robots * count * _SIGHT * W
     t = np.zeros(others + pairs.shape[0] * _PAIR * W)
     for begin in range(0, rows.shape[0], W):
         end = min(begin + W, rows.shape[0])
-        _load(t, at, sights, others, points, e_points, e_known, e_pose, rows, begin, end)
+        _load(t, at, sights, others, robots, count, pairs, points, e_points, e_known, e_pose, rows, begin, end)
         for k in range(block):
-            for j in range(begin, end):
-                n, i = np.uint64(rows[j]), j - begin
-                for r in range(robots):
-                    place = r * _ROBOT * W + i
-                    for d in range(3):
-                        t[place + d * W] = true_pose[n, k, r, d]
-                    t[place + _V], t[place + _LATERAL] = true_velocity[n, k, r, 0], true_velocity[n, k, r, 1]
-                    for m in range(count):
-                        t[sights + (r * count + m) * _SIGHT * W + i] = 1.0 if seen[n, k, r, m] else 0.0
+            _load_sample(t, sights, robots, count, block, k, seen, true_pose, true_velocity, rows, begin, end)
             for r in range(robots):
                 _face(t, r * _ROBOT * W, width)
                 for m in range(count):
@@ -305,61 +301,93 @@ def score_action(
         for p in range(pairs.shape[0]):
             a, b = pairs[p, 0] * _ROBOT * W, pairs[p, 1] * _ROBOT * W
             _pose_error(t, a, b, others + p * _PAIR * W, width)
+        _store_errors(t, sights, others, robots * count, pairs.shape[0], depth_error, pose_error, rows, begin, end)
         for j in range(begin, end):
-            n, i = np.uint64(rows[j]), j - begin
-            for r in range(robots):
-                for m in range(count):
-                    depth_error[n, r, m] = t[sights + (r * count + m) * _SIGHT * W + _ERROR + i]
-            for p in range(pairs.shape[0]):
-                place = others + p * _PAIR * W + i
-                pose_error[n, p, 0], pose_error[n, p, 1] = t[place + _DISTANCE], t[place + _TURN]
+            n, i = rows[j], j - begin
             if started:
-                terms[n] = 0.0
+                place = natural(n * robots * weights_.shape[0])
+                for d in range(robots * weights_.shape[0]):
+                    terms[place + d] = 0.0
                 continue
-            for r in range(robots):
-                for d in range(2):
-                    last_action[n, r, d] = min(max(actions[n, r, d], -1.0), 1.0)
-                _terms(t, sights, terms, pose_error, collided, blocked, seen, last_action, pairs, n, r, i)
-                total = 0.0
-                for d in range(weights_.shape[0]):
-                    total += weights_[d] * terms[n, r, d]
-                reward[n, r] = total
-            end_action(reward, joint_reward, collided, worst_sd, elapsed, ends, terminated, truncated, n)
+            _terms(
+                t, sights, others, terms, reward, last_action, actions, collided, blocked, weights_, pairs,
+                robots, count, block, n, i,
+            )  # fmt: skip
+            end_action(reward, joint_reward, collided, worst_sd, elapsed, ends, terminated, truncated, robots, n)
 
 
 @inner
-def _load(t, at, sights, others, points, e_points, e_known, e_pose, rows, begin, end):
-    """Put points and estimates into lanes."""
-    robots, count = e_known.shape[1], points.shape[1]
+def _load(t, at, sights, others, robots, count, pairs, points, e_points, e_known, e_pose, rows, begin, end):
+    """Put points and estimates into lanes; nothing is seen yet."""
     for j in range(begin, end):
-        n, i = np.uint64(rows[j]), j - begin
-        for m in range(count):
+        n, i = rows[j], j - begin
+        place, source = natural(at + i), natural(3 * n * count)
+        for d in range(3 * count):
+            t[place + d * W] = points[source + d]
+        for s in range(robots * count):
+            place, source = natural(sights + s * _SIGHT * W + i), natural(n * robots * count + s)
+            t[place + _EXCITATION], t[place + _RHO], t[place + _SIGHTED] = 0.0, e_points[3 * source + 2], 0.0
+            t[place + _KNOWN] = 1.0 if e_known[source] else 0.0
+        for p in range(pairs.shape[0]):
+            place, source = natural(others + p * _PAIR * W + i), natural(3 * (n * pairs.shape[0] + p))
             for d in range(3):
-                t[at + (3 * m + d) * W + i] = points[n, m, d]
-            for r in range(robots):
-                place = sights + (r * count + m) * _SIGHT * W + i
-                t[place + _EXCITATION], t[place + _RHO] = 0.0, e_points[n, r, m, 2]
-                t[place + _KNOWN] = 1.0 if e_known[n, r, m] else 0.0
-        for p in range(e_pose.shape[1]):
-            for d in range(3):
-                t[others + (p * _PAIR + d) * W + i] = e_pose[n, p, d]
+                t[place + _POSE + d * W] = e_pose[source + d]
 
 
 @inner
-def _terms(t, sights, terms, pose_error, collided, blocked, seen, actions, pairs, n, r, i):
-    """The terms of robot r of environment n, from lane i."""
-    block, count = seen.shape[1], seen.shape[3]
-    least, share, total, sighted = math.inf, 0.0, 0.0, 0
-    for m in range(count):
-        place = sights + (r * count + m) * _SIGHT * W + i
-        least, share = min(least, t[place + _EXCITATION]), share + t[place + _SHARE]
-        for k in range(block):
-            sighted += seen[n, k, r, m]
-    for p in range(pairs.shape[0]):
-        if pairs[p, 0] == r:
-            total += pose_error[n, p, 0] + pose_error[n, p, 1]
-    terms[n, r, EXCITATION], terms[n, r, VISIBILITY] = least, sighted / (block * count)
-    terms[n, r, DEPTH_ERROR], terms[n, r, POSE_ERROR] = share / count, total
-    terms[n, r, COLLISION], terms[n, r, BLOCKED] = 1.0 if collided[n, r] else 0.0, blocked[n, r] / block
-    v, w = actions[n, r, 0], actions[n, r, 1]
-    terms[n, r, EFFORT] = 0.5 * (v * v + w * w)
+def _load_sample(t, sights, robots, count, block, k, seen, true_pose, true_velocity, rows, begin, end):
+    """Put the truth of sample k into lanes."""
+    for j in range(begin, end):
+        sample, i = rows[j] * block + k, j - begin
+        for r in range(robots):
+            place, source = natural(r * _ROBOT * W + i), natural(3 * (sample * robots + r))
+            for d in range(3):
+                t[place + d * W] = true_pose[source + d]
+            t[place + _V], t[place + _LATERAL] = true_velocity[source], true_velocity[source + 1]
+        for s in range(robots * count):
+            place = natural(sights + s * _SIGHT * W + i)
+            t[place + _SEEN] = 1.0 if seen[natural(sample * robots * count + s)] else 0.0
+            t[place + _SIGHTED] += t[place + _SEEN]
+
+
+@inner
+def _store_errors(t, sights, others, count, pairs, depth_error, pose_error, rows, begin, end):
+    """Write the errors of the estimates."""
+    for j in range(begin, end):
+        n, i = rows[j], j - begin
+        for s in range(count):
+            depth_error[natural(n * count + s)] = t[natural(sights + s * _SIGHT * W + i) + _ERROR]
+        for p in range(pairs):
+            place, to = natural(others + p * _PAIR * W + i), natural(2 * (n * pairs + p))
+            pose_error[to], pose_error[to + 1] = t[place + _DISTANCE], t[place + _TURN]
+
+
+@inner
+def _terms(
+    t, sights, others, terms, reward, last_action, actions, collided, blocked, weights_, pairs, robots, count, block,
+    n, i,
+):  # fmt: skip
+    """The terms and the rewards of the robots of environment n, from lane i."""
+    for r in range(robots):
+        robot = natural(n * robots + r)
+        least, share, error, sighted = math.inf, 0.0, 0.0, 0.0
+        for m in range(count):
+            place = natural(sights + (r * count + m) * _SIGHT * W + i)
+            least, share = min(least, t[place + _EXCITATION]), share + t[place + _SHARE]
+            sighted += t[place + _SIGHTED]
+        for p in range(pairs.shape[0]):
+            if pairs[p, 0] == r:
+                place = natural(others + p * _PAIR * W + i)
+                error += t[place + _DISTANCE] + t[place + _TURN]
+        v, w = min(max(actions[2 * robot], -1.0), 1.0), min(max(actions[2 * robot + 1], -1.0), 1.0)
+        last_action[2 * robot], last_action[2 * robot + 1] = v, w
+        first = natural(robot * weights_.shape[0])
+        terms[first + EXCITATION], terms[first + VISIBILITY] = least, sighted / (block * count)
+        terms[first + DEPTH_ERROR], terms[first + POSE_ERROR] = share / count, error
+        terms[first + COLLISION] = 1.0 if collided[robot] else 0.0
+        terms[first + BLOCKED] = blocked[robot] / block
+        terms[first + EFFORT] = 0.5 * (v * v + w * w)
+        total = 0.0
+        for d in range(weights_.shape[0]):
+            total += weights_[d] * terms[first + d]
+        reward[robot] = total

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from relloc_env.config import ConfigError, EnvConfig, hint
+from relloc_env.kernels.lanes import flat
 from relloc_env.kernels.stepping import advance, after_contact, begin
 from relloc_env.kernels.streams import PURPOSES, seed_streams
 from relloc_env.kernels.world import Truth, World
@@ -60,12 +61,13 @@ class Simulation:
             deliver=np.full((n, p, window), -1, np.int64),
             streams=np.zeros((n, PURPOSES, 2), np.uint64),
         )
-        self.samples, self.truth = _blocks(n, k, r, m, p)
-        self.first, self.first_truth = (self.samples, self.truth) if k == 1 else _blocks(n, 1, r, m, p)
+        self.first = empty_samples(n, 1, r, m, p)
+        self.first_truth = Truth(self.world.pose[:, None], self.world.velocity[:, None], self.first.seen)
+        self.samples, self.truth = (self.first, self.first_truth) if k == 1 else _blocks(n, k, r, m, p)
         self.fix(np.arange(n), {})
         self._solvers: list[ContactSolver | None] = [None] * threads
         self._constants = (self.parameters, self.robots, self.obstacles, self.pairs)
-        self._arrays = (*(getattr(self.world, name) for name in _MOVED), *self.samples, *self.truth)
+        self._arrays = flat((*(getattr(self.world, name) for name in _MOVED), *self.samples, *self.truth))
         self._begun = (*(getattr(self.world, name) for name in _MOVED + _DRAWN), *self.first, *self.first_truth)
         self.seed(np.arange(n), [int(seed) for seed in np.random.SeedSequence().generate_state(n, np.uint64)])
 
@@ -132,7 +134,7 @@ class Simulation:
         """
         waiting, resumed, world = np.empty(len(rows), np.int64), False, self.world
         while True:
-            count = advance(actions, *self._constants, rows, waiting, resumed, *self._arrays)
+            count = advance(actions.reshape(-1), *self._constants, rows, waiting, resumed, *self._arrays)
             if count == 0:
                 return
             rows, resumed = waiting[:count].copy(), True

@@ -14,7 +14,7 @@ from relloc_env.envs.observation import Field, bounds, fields, observe, slices
 from relloc_env.envs.onboard import Onboard
 from relloc_env.envs.threads import LEAST, check_threads, parts, run
 from relloc_env.estimators.protocol import Estimator
-from relloc_env.kernels.lanes import width_of
+from relloc_env.kernels.lanes import flat, width_of
 from relloc_env.rewards import BOUND_FIELDS, carry_bound, make_score, pack_known, score_action, start_bound, weights
 from relloc_env.samples import Bool, Float, Float32, Rows, copy_sample
 from relloc_env.simulation import Simulation
@@ -99,7 +99,7 @@ class Core:
         self.onboard.reset(simulation.prior, simulation.first, rows)
         if self._tracks_bound:
             start_bound(*self._bound, *self._first_sight, *self._known, rows)
-        score_action(*self._scored_first, self.last_action, *self._scored_by, rows, True)
+        score_action(*self._scored_first, self.last_action.reshape(-1), *self._scored_by, 1, rows, True)
         copy_sample(simulation.first, 0, simulation.samples, -1, rows)
         self._observe(rows)
 
@@ -124,7 +124,9 @@ class Core:
                 *self._bound, *self._sight, *self._known, rows, self.score.terms, simulation.truth.velocity,
                 self.config.sample_period,
             )  # fmt: skip
-        score_action(*self._scored, actions, *self._scored_by, rows, False)
+        score_action(
+            *self._scored, actions.reshape(-1), *self._scored_by, self.config.samples_per_action, rows, False
+        )
         self._observe(rows)
 
     def _observe(self, rows: Rows) -> None:
@@ -139,10 +141,10 @@ class Core:
         self._first_sight = (world.pose, world.points, simulation.first_truth.pose, simulation.first_truth.visible)
         written = (score.terms, score.depth_error, score.pose_error, self.reward, self.last_action)
         truth = (world.points, world.collided, world.blocked)
-        believed = (estimate.points, estimate.known, estimate.pose, self._known.camera_heights)
-        ended = (self.joint_reward, score.worst_sd, self.elapsed, self.terminated, self.truncated)
+        believed = (estimate.points, estimate.known, estimate.pose)
+        ended = (self._known.camera_heights, self.joint_reward, score.worst_sd, self.elapsed, self.terminated, self.truncated)
         self._scored, self._scored_first = (
-            (*written, *truth, samples.seen, happened.pose, happened.velocity, *believed, *ended)
+            (*flat((*written, *truth, samples.seen, happened.pose, happened.velocity, *ended)), *believed)
             for samples, happened in (
                 (simulation.samples, simulation.truth),
                 (simulation.first, simulation.first_truth),
@@ -151,8 +153,8 @@ class Core:
         self._scored_by = (self._weights, self._ends, simulation.parameters, simulation.pairs)
         self._observed = (
             *simulation.samples, estimate.pose, estimate.pose_covariance,
-            memory.tick, memory.outbox, memory.inbox, memory.inbox_tick, world.collided, world.blocked,
-            simulation.pairs, self.last_action, self.elapsed, self._limits,
+            *flat((memory.tick, memory.outbox, memory.inbox, memory.inbox_tick)), self.config.message_window,
+            *flat((world.collided, world.blocked, self.last_action, self.elapsed)), simulation.pairs, self._limits,
         )  # fmt: skip
 
     def states(self) -> Float32:

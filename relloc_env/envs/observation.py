@@ -13,7 +13,7 @@ from relloc_env.config import EnvConfig
 from relloc_env.envs.onboard import BARE_POINT, FAR, IMAGE, MOTION, POINT, bounded
 from relloc_env.kernels._compile import inner, kernel
 from relloc_env.kernels.elementary import log, sin_cos
-from relloc_env.kernels.lanes import W
+from relloc_env.kernels.lanes import W, natural
 
 
 class Field(NamedTuple):
@@ -116,87 +116,93 @@ def _pose(t, width):
 
 @kernel
 def observe(
-    out, period, odometry, image, seen, arrived, pose, pose_covariance, ticks, outbox, inbox, inbox_tick,
-    bumps, blocked, pairs, last_action, elapsed, limits, rows, bare, width,
+    out, period, odometry, image, seen, arrived, pose, pose_covariance, ticks, outbox, inbox, inbox_tick, window,
+    bumps, blocked, last_action, elapsed, pairs, limits, rows, bare, width,
 ):  # fmt: skip
     """Write the observation of every robot into `out` float32 (N, R, D).
 
     Args:
         period, ..., arrived: `Samples`.
         pose, pose_covariance: of `Estimate`.
-        ticks, outbox, inbox, inbox_tick: of `Memory`; the newest of the outbox is what a robot knows itself.
-        bumps: (N, R) whether something was touched during the action.
-        blocked: (N, R) samples of the action in which the shield held the robot.
-        pairs: (P, 2) ordered pairs.
-        last_action: [-] (N, R, 2).
+        ticks, outbox, inbox, inbox_tick: of `Memory`, flat; the newest of the outbox is what a robot knows itself.
+        window: W of `Memory`.
+        bumps: (N R) whether something was touched during the action.
+        blocked: (N R) samples of the action in which the shield held the robot.
+        last_action: [-] (N R 2).
         elapsed: (N,) actions since the start.
+        pairs: (P, 2) ordered pairs.
         limits: (2,) actions in an episode, sample period [s].
         rows: environments to work on.
         bare: whether there is no estimator; then the whole block of samples is shown.
         width: lanes of a block.
     """
-    robots, count = seen.shape[2], seen.shape[3]
-    block, others, window = period.shape[1], robots - 1, outbox.shape[2]
-    size = inbox.shape[2] - MOTION if others > 0 else outbox.shape[3] - MOTION
+    robots, count, block, others, length = seen.shape[2], seen.shape[3], period.shape[1], seen.shape[2] - 1, out.shape[2]
+    size = count * (BARE_POINT if bare else POINT)
     own = 3 + MOTION + 2
     told = own + (block * (4 + 3 * count) if bare else size)
     rest = told + others * (1 + MOTION + size)
+    line = out.ravel()
     for row in rows:
-        n = np.uint64(row)  # an index without a sign needs no test whether it counts from the end
+        n = natural(row)
         shown = 1 if elapsed[n] == 0 else block  # after a reset one sample was taken: it stands last
         slot = ticks[n] % window if window > 1 else 0
+        time = min(elapsed[n] / limits[0], 1.0)
         for r in range(robots):
-            out[n, r, 0] = last_action[n, r, 0]
-            out[n, r, 1] = last_action[n, r, 1]
-            out[n, r, 2] = min(elapsed[n] / limits[0], 1.0)
+            robot = natural(n * robots + r)
+            at, source = natural(robot * length), natural((robot * window + slot) * (size + MOTION))
+            line[at], line[at + 1], line[at + 2] = last_action[2 * robot], last_action[2 * robot + 1], time
             for j in range(MOTION):
-                out[n, r, 3 + j] = outbox[n, r, slot, size + j]
-            out[n, r, own - 2] = 1.0 if bumps[n, r] else 0.0
-            out[n, r, own - 1] = blocked[n, r] / block
+                line[at + 3 + j] = outbox[source + size + j]
+            line[at + own - 2] = 1.0 if bumps[robot] else 0.0
+            line[at + own - 1] = blocked[robot] / block
             if bare:
                 _block(out, own, period, odometry, image, seen, n, r, shown)
             else:
                 for j in range(size):
-                    out[n, r, own + j] = outbox[n, r, slot, j]
+                    line[at + own + j] = outbox[source + j]
         for p in range(pairs.shape[0]):
             r, o = pairs[p, 0], pairs[p, 1] - (1 if pairs[p, 1] > pairs[p, 0] else 0)
-            age = bounded((ticks[n] - inbox_tick[n, p]) * limits[1], FAR)
-            out[n, r, told + o] = age if inbox_tick[n, p] >= 0 else FAR
+            pair, at = natural(n * pairs.shape[0] + p), natural((n * robots + r) * length + told)
+            source = natural(pair * (size + MOTION))
+            age = bounded((ticks[n] - inbox_tick[pair]) * limits[1], FAR)
+            line[at + o] = age if inbox_tick[pair] >= 0 else FAR
+            at = natural(at + others)
             for j in range(MOTION):
-                out[n, r, told + others + o * MOTION + j] = inbox[n, p, size + j]
+                line[at + o * MOTION + j] = inbox[source + size + j]
+            at = natural(at + others * MOTION + o * size)
             for j in range(size):
-                out[n, r, told + others * (1 + MOTION) + o * size + j] = inbox[n, p, j]
+                line[at + j] = inbox[source + j]
             if bare:
                 _arrivals(out, rest, arrived, n, r, p, o, others, window, block, shown)
     if not bare:
-        _poses(out, rest, others, pose, pose_covariance, pairs, rows, width)
+        _poses(line, robots, length, rest, others, pose.ravel(), pose_covariance.ravel(), pairs, rows, width)
 
 
 @inner
-def _poses(out, at, others, pose, covariance, pairs, rows, width):
+def _poses(out, robots, length, rest, others, pose, covariance, pairs, rows, width):
     """Write the estimated poses of the other robots."""
-    t = np.zeros(_WORK)
+    t, count = np.zeros(_WORK), pairs.shape[0]
     for begin in range(0, rows.shape[0], W):
         end = min(begin + W, rows.shape[0])
-        for p in range(pairs.shape[0]):
+        for p in range(count):
             r, o = pairs[p, 0], pairs[p, 1] - (1 if pairs[p, 1] > pairs[p, 0] else 0)
             for j in range(begin, end):
-                n, i, c = np.uint64(rows[j]), j - begin, _COVARIANCE + j - begin
-                t[_THETA + i] = pose[n, p, 2]
-                t[c], t[c + W], t[c + 2 * W] = covariance[n, p, 0, 0], covariance[n, p, 0, 1], covariance[n, p, 0, 2]
-                t[c + 3 * W], t[c + 4 * W] = covariance[n, p, 1, 1], covariance[n, p, 1, 2]
-                t[c + 5 * W] = covariance[n, p, 2, 2]
+                i, pair = j - begin, natural(rows[j] * count + p)
+                at, c = 9 * pair, _COVARIANCE + i
+                t[_THETA + i] = pose[3 * pair + 2]
+                t[c], t[c + W], t[c + 2 * W] = covariance[at], covariance[at + 1], covariance[at + 2]
+                t[c + 3 * W], t[c + 4 * W], t[c + 5 * W] = covariance[at + 4], covariance[at + 5], covariance[at + 8]
             _pose(t, width)
             for j in range(begin, end):
-                n, i = np.uint64(rows[j]), j - begin
-                out[n, r, at + 4 * o] = bounded(pose[n, p, 0], FAR)
-                out[n, r, at + 4 * o + 1] = bounded(pose[n, p, 1], FAR)
-                out[n, r, at + 4 * o + 2] = t[_SIN + i]
-                out[n, r, at + 4 * o + 3] = t[_COS + i]
+                i, pair = j - begin, natural(rows[j] * count + p)
+                at = natural((rows[j] * robots + r) * length + rest)
+                to = at + 4 * o
+                out[to], out[to + 1] = bounded(pose[3 * pair], FAR), bounded(pose[3 * pair + 1], FAR)
+                out[to + 2], out[to + 3] = t[_SIN + i], t[_COS + i]
+                log_sd, correlation = at + 4 * others + 3 * o, at + 7 * others + 3 * o
                 for d in range(3):
-                    out[n, r, at + 4 * others + 3 * o + d] = t[_LOG_SD + d * W + i]
-                    out[n, r, at + 7 * others + 3 * o + d] = t[_CORRELATION + d * W + i]
-                out[n, r, at + 10 * others + o] = t[_LOG_DET + i]
+                    out[log_sd + d], out[correlation + d] = t[_LOG_SD + d * W + i], t[_CORRELATION + d * W + i]
+                out[at + 10 * others + o] = t[_LOG_DET + i]
 
 
 @inner

@@ -15,7 +15,7 @@ from relloc_env.estimators.protocol import Estimator
 from relloc_env.estimators.registry import make
 from relloc_env.kernels._compile import inlined, inner, kernel
 from relloc_env.kernels.elementary import log, sin_cos
-from relloc_env.kernels.lanes import W, width_of
+from relloc_env.kernels.lanes import W, flat, natural, width_of
 from relloc_env.kernels.motion import advance, wrap_angle
 from relloc_env.samples import Bool, Estimate, Prior, Rows, Samples, copy_sample, empty_samples, ordered_pairs
 
@@ -97,7 +97,7 @@ def _point(t, width):
 
 @kernel
 def _tell(
-    reckoned, ticks, outbox, inbox, inbox_tick, period, odometry, image, seen, arrived,
+    reckoned, ticks, outbox, inbox, inbox_tick, window, period, odometry, image, seen, arrived,
     points, points_covariance, known, pairs, rows, first, bare, width,
 ):  # fmt: skip
     """Sum up the odometry of all samples; after the last one, each robot tells what it has.
@@ -105,7 +105,8 @@ def _tell(
     The newest message that arrives with that sample is put in the inbox.
 
     Args:
-        reckoned, ticks, outbox, inbox, inbox_tick: `Memory`, changed in place.
+        reckoned, ticks, outbox, inbox, inbox_tick: `Memory`, flat, changed in place.
+        window: W of `Memory`.
         period, ..., arrived: `Samples`, of one length for all `rows`.
         points, points_covariance, known: of `Estimate`.
         pairs: (P, 2) ordered pairs.
@@ -115,62 +116,73 @@ def _tell(
         width: lanes of a block.
     """
     block, robots, count = period.shape[1], seen.shape[2], seen.shape[3]
-    window, last, size = outbox.shape[2], block - 1, (BARE_POINT if bare else POINT)
+    last, size, ends = block - 1, (BARE_POINT if bare else POINT), pairs.shape[0]
+    told = count * size + MOTION
+    odometry, image, seen, arrived = odometry.ravel(), image.ravel(), seen.ravel(), arrived.ravel()
+    points, points_covariance, known = points.ravel(), points_covariance.ravel(), known.ravel()
     t, slots = np.zeros(_WORK), np.zeros(W, np.int64)
     for begin in range(0, rows.shape[0], W):
         end = min(begin + W, rows.shape[0])
         for j in range(begin, end):
-            n = np.uint64(rows[j])
+            n = natural(rows[j])
             if first:
-                inbox_tick[n] = -1
-                inbox[n] = 0.0
-                reckoned[n] = 0.0
                 ticks[n] = -1
+                inbox_tick[n * ends : (n + 1) * ends] = -1
+                inbox[n * ends * told : (n + 1) * ends * told] = 0.0
+                reckoned[3 * n * robots : 3 * (n + 1) * robots] = 0.0
             ticks[n] += block
             slots[j - begin] = ticks[n] % window if window > 1 else 0
         for r in range(robots):
             for j in range(begin, end):
+                i, at = j - begin, natural(3 * (rows[j] * robots + r))
                 for k in range(3):
-                    t[_POSE + k * W + j - begin] = reckoned[np.uint64(rows[j]), r, k]
+                    t[_POSE + k * W + i] = reckoned[at + k]
             for k in range(block):
                 for j in range(begin, end):
+                    i, at = j - begin, natural(3 * ((rows[j] * block + k) * robots + r))
                     for d in range(3):
-                        t[_VELOCITY + d * W + j - begin] = odometry[np.uint64(rows[j]), k, r, d]
+                        t[_VELOCITY + d * W + i] = odometry[at + d]
                 _reckon(t, period[rows[begin], k], width)
             _face(t, width)
             for j in range(begin, end):
-                n, i = np.uint64(rows[j]), j - begin
+                i, robot = j - begin, natural(rows[j] * robots + r)
                 for k in range(3):
-                    reckoned[n, r, k] = t[_POSE + k * W + i]
-                slot, at = slots[i], count * size
-                outbox[n, r, slot, at] = bounded(t[_POSE + i], FAR)
-                outbox[n, r, slot, at + 1] = bounded(t[_POSE + W + i], FAR)
-                outbox[n, r, slot, at + 2] = t[_SIN + i]
-                outbox[n, r, slot, at + 3] = t[_COS + i]
+                    reckoned[3 * robot + k] = t[_POSE + k * W + i]
+                to = natural((robot * window + slots[i]) * told + count * size)
+                outbox[to] = bounded(t[_POSE + i], FAR)
+                outbox[to + 1] = bounded(t[_POSE + W + i], FAR)
+                outbox[to + 2] = t[_SIN + i]
+                outbox[to + 3] = t[_COS + i]
             for m in range(count):
                 for j in range(begin, end):
-                    n, i = np.uint64(rows[j]), j - begin
-                    t[_SEEN + i] = 1.0 if seen[n, last, r, m] else 0.0
-                    t[_IMAGE_X + i], t[_IMAGE_Y + i] = image[n, last, r, m, 0], image[n, last, r, m, 1]
-                    t[_BEARING + i], t[_ELEVATION + i] = points[n, r, m, 0], points[n, r, m, 1]
-                    t[_RHO + i], t[_VARIANCE + i] = points[n, r, m, 2], points_covariance[n, r, m, 2, 2]
-                    t[_KNOWN + i] = 1.0 if known[n, r, m] else 0.0
+                    i, n = j - begin, rows[j]
+                    at = natural(((n * block + last) * robots + r) * count + m)
+                    t[_SEEN + i] = 1.0 if seen[at] else 0.0
+                    t[_IMAGE_X + i], t[_IMAGE_Y + i] = image[2 * at], image[2 * at + 1]
+                    at = natural((n * robots + r) * count + m)
+                    t[_BEARING + i], t[_ELEVATION + i] = points[3 * at], points[3 * at + 1]
+                    t[_RHO + i], t[_VARIANCE + i] = points[3 * at + 2], points_covariance[9 * at + 8]
+                    t[_KNOWN + i] = 1.0 if known[at] else 0.0
                 _point(t, width)
                 for j in range(begin, end):
-                    n, slot = np.uint64(rows[j]), slots[j - begin]
+                    i = j - begin
+                    to = natural(((rows[j] * robots + r) * window + slots[i]) * told + m * size)
                     for k in range(size):
-                        outbox[n, r, slot, m * size + k] = t[_TOLD + k * W + j - begin]
+                        outbox[to + k] = t[_TOLD + k * W + i]
         for j in range(begin, end):
-            n = np.uint64(rows[j])
+            n = natural(rows[j])
             tick = ticks[n]
-            for p in range(pairs.shape[0]):
+            for p in range(ends):
+                pair, bits = n * ends + p, arrived[natural((n * block + last) * ends + p)]
                 for age in range(min(window, tick + 1)):
-                    if (arrived[n, last, p] >> np.uint64(age)) & np.uint64(1):
-                        if tick - age > inbox_tick[n, p]:
-                            inbox_tick[n, p] = tick - age
+                    if (bits >> np.uint64(age)) & np.uint64(1):
+                        if tick - age > inbox_tick[pair]:
+                            inbox_tick[pair] = tick - age
                             slot = (tick - age) % window if window > 1 else 0
-                            for k in range(inbox.shape[2]):
-                                inbox[n, p, k] = outbox[n, pairs[p, 1], slot, k]
+                            at = natural(((n * robots + pairs[p, 1]) * window + slot) * told)
+                            to = natural(pair * told)
+                            for k in range(told):
+                                inbox[to + k] = outbox[at + k]
                         break
 
 
@@ -201,6 +213,7 @@ class Onboard:
             inbox=np.zeros((n, p, told), np.float32),
             inbox_tick=np.full((n, p), -1, np.int64),
         )
+        self._flat = (*flat(self.memory), window)
         self._told = (self.estimate.points, self.estimate.points_covariance, self.estimate.known, self.pairs)
         self._width = width_of(n)
         self._single: Samples | None = None
@@ -232,7 +245,7 @@ class Onboard:
         self._tell(samples, rows, first=False)
 
     def _tell(self, samples: Samples, rows: Rows, *, first: bool) -> None:
-        _tell(*self.memory, *samples, *self._told, rows, first, self.bare, self._width)
+        _tell(*self._flat, *samples, *self._told, rows, first, self.bare, self._width)
 
     def get_state(self, rows: Rows) -> dict[str, Any]:
         """Copies of everything that is remembered of the environments `rows`."""

@@ -9,7 +9,7 @@ from relloc_env.estimators.checks import check_array, check_prior, check_samples
 from relloc_env.estimators.config import CascadeConfig
 from relloc_env.kernels import anchors, depth_state, pose_filter, relative_pose
 from relloc_env.kernels import cascade as kernels
-from relloc_env.kernels.lanes import W, blocks, gather, scatter
+from relloc_env.kernels.lanes import W, blocks, flat, gather, scatter
 from relloc_env.samples import Estimate, Float, Prior, Rows, Samples, ordered_pairs
 
 _MODELS = {
@@ -75,11 +75,13 @@ class Cascade:
             pose=np.zeros((n, pairs, 3)),
             pose_covariance=np.zeros((n, pairs, 3, 3)),
         )
+        self._remembered = (self._sizes, self._sample, self._table, self._received.reshape(-1), self._ring)
+        self._shown = flat(self._estimate)
         self._updated = (
-            self._pairs, self._options, self._settings, self._gains,
-            self._sizes, self._sample, self._table, self._received, self._ring, *self._estimate,
+            self._pairs, self._options, self._settings, self._gains.reshape(-1), *self._remembered, *self._shown,
         )  # fmt: skip
         self._checked: Samples | None = None
+        self._flat: tuple[Any, ...] = ()
 
     @property
     def gains(self) -> Float:
@@ -95,9 +97,8 @@ class Cascade:
         """Forget everything about the environments `rows`, gains apart, and start from `prior`."""
         check_prior(prior, *self._estimate.known.shape)
         status = kernels.reset(
-            prior.depth, prior.pose, float(prior.depth_sd), prior.pose_sd,
-            self._sizes, self._sample, self._table, self._received, self._ring, rows,
-        )  # fmt: skip
+            prior.depth, prior.pose, float(prior.depth_sd), prior.pose_sd, *self._remembered, rows
+        )
         if status:
             self._raise(status)
         self._show(rows)
@@ -106,8 +107,8 @@ class Cascade:
         """Take the K samples in, in order."""
         if samples is not self._checked:
             check_samples(samples, *self._estimate.known.shape)
-            self._checked = samples
-        status = kernels.update(*samples, *self._updated, rows)
+            self._checked, self._flat = samples, (*flat(samples), samples.period.shape[1])
+        status = kernels.update(*self._flat, *self._updated, rows)
         if status:
             self._raise(status)
 
@@ -137,10 +138,7 @@ class Cascade:
         return arrays if self._ring is None else arrays | self._ring._asdict()
 
     def _show(self, rows: Rows) -> None:
-        kernels.show(
-            self._pairs, self._options, self._sizes, self._sample, self._table, self._received,
-            self._ring, *self._estimate, rows,
-        )  # fmt: skip
+        kernels.show(self._pairs, self._options, *self._remembered, *self._shown, rows)
 
     def _raise(self, status: int) -> None:
         if status == kernels.ROW_OUT_OF_RANGE:

@@ -15,13 +15,15 @@ from relloc_env.kernels import pose_filter as pf
 from relloc_env.kernels._compile import inlined, inner, kernel
 from relloc_env.kernels.depth_covariance import body_to_polar
 from relloc_env.kernels.elementary import atan2
-from relloc_env.kernels.lanes import W, copy, width_of
+from relloc_env.kernels.lanes import W, copy, natural, width_of
 
 OK, ROW_OUT_OF_RANGE, MESSAGE_TOO_OLD, NOT_RESET = 0, 1, 2, 3
 
 _POLAR = an.WORKSPACE * W
 """Place of a point in polar form (3) and its covariance (6)."""
-_WORKSPACE = an.WORKSPACE + 9
+_USABLE = _POLAR + 9 * W
+"""Place of R M numbers: 1 where a robot's point may take part in the pose update."""
+_WORKSPACE = _USABLE // W
 _PLANE = 2
 """Count of the coordinates in the plane."""
 _NOW = ds.TIME // W
@@ -100,7 +102,7 @@ def reset(depth_guess, pose_guess, depth_sd, pose_sd, shape, sample, table, rece
         shape: int64, in the order of `Shape`.
         sample: (N,) int64 number of the last sample; -1 after a reset, -2 before it.
         table: (B, size W) blocks.
-        received: (N, P) uint64, see `pose_filter.listen`.
+        received: (N P) uint64, see `pose_filter.listen`.
         ring: `pose_filter.Ring`, or None where messages come at once or never.
         rows: environments to work on.
 
@@ -121,7 +123,7 @@ def reset(depth_guess, pose_guess, depth_sd, pose_sd, shape, sample, table, rece
         for r in range(s.robots):
             t[lane + s.motion + r * s.motion_size * W + 3 * W] = 1.0
         for p in range(s.pairs):
-            received[e, p] = 0
+            received[natural(e * s.pairs + p)] = 0
             if ring is None:
                 _start(t, lane + s.anchor + p * s.anchor_size * W, np.int64(W), pose_guess[e, p], pose_sd)
             else:
@@ -154,20 +156,21 @@ def _keep(workspace, at, table, to, size, whole, rows, begin, end):
 
 @kernel
 def update(
-    period, odometry, image, seen, arrived, pairs, options, settings, gains,
+    period, odometry, image, seen, arrived, samples, pairs, options, settings, gains,
     shape, sample, table, received, ring,
     e_points, e_points_covariance, e_known, e_pose, e_pose_covariance, rows,
 ):  # fmt: skip
     """Take all K samples of the environments `rows` in, in order, and refresh the estimate.
 
     Args:
-        period, odometry, image, seen, arrived: `samples.Samples`.
+        period, odometry, image, seen, arrived: `samples.Samples`, flat (`lanes.flat`).
+        samples: K, how many of them.
         pairs: (P, 2) ordered pairs (observer, observed).
         options: (9,) float64, in the order of `anchors.FilterOptions`.
         settings: (R, 9) float64, `depth_state.Settings` of each robot.
-        gains: [1/s, 1/m²] (N, R, 2) H and alpha Lambda.
+        gains: [1/s, 1/m²] (N R 2) H and alpha Lambda.
         shape, sample, table, received, ring: as for `reset`.
-        e_points, e_points_covariance, e_known, e_pose, e_pose_covariance: `samples.Estimate`, refreshed in place.
+        e_points, e_points_covariance, e_known, e_pose, e_pose_covariance: `samples.Estimate`, flat, refreshed in place.
         rows: environments to work on, each once; quickest in ascending order.
 
     Returns:
@@ -180,7 +183,7 @@ def update(
         if sample[e] < -1:
             return NOT_RESET
     beyond = ~(np.uint64(0xFFFFFFFFFFFFFFFF) >> np.uint64(64 - max(s.ring, 1)))
-    status, t = OK, np.zeros(_WORKSPACE * W)
+    status, t = OK, np.zeros((_WORKSPACE + s.robots * s.points) * W)
     begin = np.int64(0)  # else numba would compile for the number 0, and again for any
     while begin < rows.shape[0]:
         block, end = rows[begin] // W, begin + 1
@@ -188,19 +191,20 @@ def update(
             end += 1
         b = table[block]
         whole = end - begin == min(W, s.num_envs - block * W)
-        for k in range(period.shape[1]):
-            _tick(t, b, s, period, k, sample, rows, begin, end)
+        for k in range(samples):
+            _tick(t, b, s, period, samples, k, sample, rows, begin, end)
             for r in range(s.robots):
-                _sense(t, b, s, o, settings, gains, odometry, image, seen, k, r, whole, rows, begin, end)
+                _sense(t, b, s, o, settings, gains, odometry, image, seen, samples, k, r, whole, rows, begin, end)
             for j in range(begin, end):
+                at = natural((rows[j] * samples + k) * s.pairs)
                 for p in range(s.pairs):
-                    if arrived[rows[j], k, p] & beyond:
+                    if arrived[at + p] & beyond:
                         status = MESSAGE_TOO_OLD
             if ring is None:
                 for p in range(s.pairs):
-                    _listen(t, b, s, o, arrived, received, seen, k, p, pairs, whole, rows, begin, end)
+                    _listen(t, b, s, o, arrived, received, samples, k, p, pairs, whole, rows, begin, end)
             else:
-                _listen_ring(t, b, s, o, ring, arrived, received, seen, sample, k, pairs, rows, begin, end)
+                _listen_ring(t, b, s, o, ring, arrived, received, sample, samples, k, pairs, rows, begin, end)
         _show_points(t, b, s, e_points, e_points_covariance, e_known, rows, begin, end)
         if ring is None:
             _show_poses(t, b, s, o, pairs, sample, received, e_pose, e_pose_covariance, rows, begin, end)
@@ -211,65 +215,76 @@ def update(
 
 
 @inner
-def _tick(t, b, s, period, k, sample, rows, begin, end):
+def _tick(t, b, s, period, samples, k, sample, rows, begin, end):
     """Carry the clocks to sample k; its interval goes to the workspace."""
     for j in range(begin, end):
-        e = rows[j]
+        e = natural(rows[j])
         sample[e] += 1
-        dt, lane = period[e, k], e % W
+        dt, lane = period[natural(e * samples + k)], e % W
         t[ds.DT + lane] = dt
-        t[ds.DEPTH_SD + lane] = b[s.depth_sd + lane]
-        b[s.clock + lane] += dt
-        b[s.clock + W + lane] += 1.0 if dt > 0.0 else 0.0
+        t[ds.DEPTH_SD + lane] = b[natural(s.depth_sd + lane)]
+        clock = natural(s.clock + lane)
+        b[clock] += dt
+        b[clock + W] += 1.0 if dt > 0.0 else 0.0
 
 
 @inner
-def _sense(t, b, s, o, settings, gains, odometry, image, seen, k, r, whole, rows, begin, end):
+def _sense(t, b, s, o, settings, gains, odometry, image, seen, samples, k, r, whole, rows, begin, end):
     """Dead reckoning and depth observers of one robot over one sample."""
     for j in range(begin, end):
-        e, lane = np.uint64(rows[j]), rows[j] % W
-        t[ds.V + lane], t[ds.LATERAL + lane] = odometry[e, k, r, 0], odometry[e, k, r, 1]
-        t[ds.YAW_RATE + lane] = odometry[e, k, r, 2]
-        t[ds.GAIN_H + lane], t[ds.GAIN_ALPHA + lane] = gains[e, r, 0], gains[e, r, 1]
+        e, lane = natural(rows[j]), natural(rows[j]) % W
+        at = natural(3 * ((e * samples + k) * s.robots + r))
+        t[ds.V + lane], t[ds.LATERAL + lane], t[ds.YAW_RATE + lane] = odometry[at], odometry[at + 1], odometry[at + 2]
+        at = natural(2 * (e * s.robots + r))
+        t[ds.GAIN_H + lane], t[ds.GAIN_ALPHA + lane] = gains[at], gains[at + 1]
     motion = s.motion + r * s.motion_size * W
     copy(b, motion, t, an.OWN, s.motion_size)
     an.reckon(t, o.var_v, o.var_w, s.width)
     _keep(t, an.OWN, b, motion, s.motion_size, whole, rows, begin, end)
     for m in range(s.points):
         point = r * s.points + m
+        copy(b, s.guess + point * W, t, ds.GUESS, 1)
         for j in range(begin, end):
-            e, lane = np.uint64(rows[j]), rows[j] % W
-            t[ds.GUESS + lane] = b[s.guess + point * W + lane]
-            t[ds.SEEN + lane] = 1.0 if seen[e, k, r, m] else 0.0
-            t[ds.SEEN_X + lane], t[ds.SEEN_Y + lane] = image[e, k, r, m, 0], image[e, k, r, m, 1]
+            e, lane = natural(rows[j]), natural(rows[j]) % W
+            at = natural(((e * samples + k) * s.robots + r) * s.points + m)
+            t[ds.SEEN + lane] = 1.0 if seen[at] else 0.0
+            t[ds.SEEN_X + lane], t[ds.SEEN_Y + lane] = image[2 * at], image[2 * at + 1]
         place = s.depth + point * ds.SIZE * W
         copy(b, place, t, ds.KNOWN, ds.SIZE)
         ds.observe(t, settings, r, s.width)
+        _mark(t, _USABLE + point * W, s.use_unseen != 0, s.width)
         _keep(t, ds.KNOWN, b, place, ds.SIZE, whole, rows, begin, end)
 
 
 @inner
-def _point(t, to, b, s, seen, k, r, m, rows, begin, end):
-    """Point m as robot r knows it, to the workspace."""
-    place = s.depth + (r * s.points + m) * ds.SIZE * W
-    copy(b, place + ds.Q_X, t, to, _PLANE)
-    copy(b, place + ds.COVARIANCE, t, to + 2 * W, _PLANE)
-    copy(b, place + ds.COVARIANCE + 3 * W, t, to + 4 * W, _PLANE - 1)
-    for j in range(begin, end):
-        e = rows[j]
-        known = b[place + ds.KNOWN + e % W] != 0.0
-        t[to + 5 * W + e % W] = 1.0 if known and (seen[e, k, r, m] or s.use_unseen != 0) else 0.0
+def _mark(t, usable, use_unseen, width):
+    """Note where the point of the workspace may take part in the pose update."""
+    usable = natural(usable)
+    for i in range(width):
+        t[usable + i] = 1.0 if (t[i + ds.KNOWN] != 0.0) & ((t[i + ds.SEEN] != 0.0) | use_unseen) else 0.0
 
 
 @inner
-def _listen(t, b, s, o, arrived, received, seen, k, p, pairs, whole, rows, begin, end):
+def _point(t, to, b, s, r, m):
+    """Point m as robot r knows it, to the workspace."""
+    point = r * s.points + m
+    place = s.depth + point * ds.SIZE * W
+    copy(b, place + ds.Q_X, t, to, _PLANE)
+    copy(b, place + ds.COVARIANCE, t, to + 2 * W, _PLANE)
+    copy(b, place + ds.COVARIANCE + 3 * W, t, to + 4 * W, 1)
+    copy(t, _USABLE + point * W, t, to + 5 * W, 1)
+
+
+@inner
+def _listen(t, b, s, o, arrived, received, samples, k, p, pairs, whole, rows, begin, end):
     """One sample of the pose filter of a pair whose messages come at once or never."""
     first, second, everyone = pairs[p, 0], pairs[p, 1], True
     for j in range(begin, end):
-        e = rows[j]
-        received[e, p] = arrived[e, k, p] & np.uint64(1)
-        t[an.HEARD + e % W] = 1.0 if received[e, p] else 0.0
-        everyone &= received[e, p] != 0
+        e = natural(rows[j])
+        heard = arrived[natural((e * samples + k) * s.pairs + p)] & np.uint64(1)
+        received[natural(e * s.pairs + p)] = heard
+        t[an.HEARD + e % W] = 1.0 if heard else 0.0
+        everyone &= heard != 0
     place = s.anchor + p * s.anchor_size * W
     copy(b, place, t, an.BASE, s.anchor_size)
     copy(b, s.motion + first * s.motion_size * W, t, an.OWN, s.motion_size)
@@ -281,24 +296,27 @@ def _listen(t, b, s, o, arrived, received, seen, k, p, pairs, whole, rows, begin
         for j in range(begin, end):
             pf.move_heard(t, o, rows[j] % W)
     for m in range(s.points):
-        _point(t, an.OWN_POINT, b, s, seen, k, first, m, rows, begin, end)
-        _point(t, an.OTHER_POINT, b, s, seen, k, second, m, rows, begin, end)
+        _point(t, an.OWN_POINT, b, s, first, m)
+        _point(t, an.OTHER_POINT, b, s, second, m)
         pf.take_points(t, o, s.width)
     _keep(t, an.BASE, b, place, s.anchor_size, whole, rows, begin, end)
 
 
 @inner
-def _listen_ring(t, b, s, o, ring, arrived, received, seen, sample, k, pairs, rows, begin, end):
+def _listen_ring(t, b, s, o, ring, arrived, received, sample, samples, k, pairs, rows, begin, end):
     """One sample of the pose filters of all pairs whose messages may be late."""
     for j in range(begin, end):
-        e = rows[j]
-        _remember(b, s, ring, seen, e, k, sample[e] % s.ring)
+        e = natural(rows[j])
+        _remember(t, b, s, ring, e, sample[e] % s.ring)
+        at, to = natural((e * samples + k) * s.pairs), natural(e * s.pairs)
         for p in range(s.pairs):
-            pf.listen(t, e % W, ring, e, p, pairs[p, 0], pairs[p, 1], sample[e], arrived[e, k, p], received, o)
+            received[to + p] = pf.listen(
+                t, e % W, ring, e, p, pairs[p, 0], pairs[p, 1], sample[e], arrived[at + p], received[to + p], o
+            )
 
 
 @inner
-def _remember(b, s, ring, seen, e, k, row):
+def _remember(t, b, s, ring, e, row):
     """Put the present sample of environment e into the ring."""
     lane = e % W
     for i in range(an.CLOCK):
@@ -311,8 +329,7 @@ def _remember(b, s, ring, seen, e, k, row):
             point, covariance = ring.point[e, row, r, m], place + ds.COVARIANCE
             point[0], point[1] = b[place + ds.Q_X], b[place + ds.Q_Y]
             point[2], point[3], point[4] = b[covariance], b[covariance + W], b[covariance + 3 * W]
-            known = b[place + ds.KNOWN] != 0.0
-            point[5] = 1.0 if known and (seen[e, k, r, m] or s.use_unseen != 0) else 0.0
+            point[5] = t[_USABLE + (r * s.points + m) * W + lane]
 
 
 @kernel
@@ -339,26 +356,21 @@ def _show_points(t, b, s, points, covariance, known, rows, begin, end):
             copy(b, s.depth + (r * s.points + m) * ds.SIZE * W, t, ds.KNOWN, _NOW)
             _polar(t, s.width)
             for j in range(begin, end):
-                e, i = np.uint64(rows[j]), rows[j] % W
-                known[e, r, m] = t[ds.KNOWN + i] != 0.0
-                for d in range(3):
-                    points[e, r, m, d] = t[_POLAR + d * W + i]
-                c = covariance
-                xx, xy, xt, yy, yt, tt = ds.six(t, _POLAR + 3 * W + i)
-                c[e, r, m, 0, 0], c[e, r, m, 0, 1], c[e, r, m, 0, 2] = xx, xy, xt
-                c[e, r, m, 1, 0], c[e, r, m, 1, 1], c[e, r, m, 1, 2] = xy, yy, yt
-                c[e, r, m, 2, 0], c[e, r, m, 2, 1], c[e, r, m, 2, 2] = xt, yt, tt
+                i, point = natural(rows[j]) % W, natural((rows[j] * s.robots + r) * s.points + m)
+                known[point] = t[ds.KNOWN + i] != 0.0
+                _show_three(t, _POLAR + i, point, points, covariance)
 
 
 @inlined
-def _show_pose(t, i, e, p, pose, c):
-    """Write a pose and its covariance, the first number at i."""
-    for d in range(3):
-        pose[e, p, d] = t[i + d * W]
+def _show_three(t, i, which, mean, c):
+    """Write three numbers and their covariance, the first number at i."""
+    at = 3 * which
+    mean[at], mean[at + 1], mean[at + 2] = t[i], t[i + W], t[i + 2 * W]
+    at = 9 * which
     xx, xy, xt, yy, yt, tt = ds.six(t, i + 3 * W)
-    c[e, p, 0, 0], c[e, p, 0, 1], c[e, p, 0, 2] = xx, xy, xt
-    c[e, p, 1, 0], c[e, p, 1, 1], c[e, p, 1, 2] = xy, yy, yt
-    c[e, p, 2, 0], c[e, p, 2, 1], c[e, p, 2, 2] = xt, yt, tt
+    c[at], c[at + 1], c[at + 2] = xx, xy, xt
+    c[at + 3], c[at + 4], c[at + 5] = xy, yy, yt
+    c[at + 6], c[at + 7], c[at + 8] = xt, yt, tt
 
 
 @inner
@@ -369,12 +381,12 @@ def _show_poses(t, b, s, o, pairs, sample, received, pose, covariance, rows, beg
         copy(b, s.motion + pairs[p, 0] * s.motion_size * W, t, an.OWN, s.motion_size)
         copy(b, s.clock, t, an.NOW, an.CLOCK)
         for j in range(begin, end):
-            e = rows[j]
-            place = an.BASE
-            if sample[e] >= 0 and not received[e, p]:
+            e = natural(rows[j])
+            pair, place = natural(e * s.pairs + p), an.BASE
+            if sample[e] >= 0 and not received[pair]:
                 pf.show_held(t, e % W, o)
                 place = an.POSE
-            _show_pose(t, place + e % W, e, p, pose, covariance)
+            _show_three(t, natural(place + e % W), pair, pose, covariance)
 
 
 @inner
@@ -382,9 +394,10 @@ def _show_ring(t, s, o, ring, pairs, sample, received, pose, covariance, rows, b
     """The same, where messages may be late."""
     for p in range(s.pairs):
         for j in range(begin, end):
-            e = rows[j]
-            pf.present(t, e % W, ring, e, p, pairs[p, 0], pairs[p, 1], sample[e], received, o)
-            _show_pose(t, an.POSE + e % W, e, p, pose, covariance)
+            e = natural(rows[j])
+            pair = natural(e * s.pairs + p)
+            pf.present(t, e % W, ring, e, p, pairs[p, 0], pairs[p, 1], sample[e], received[pair], o)
+            _show_three(t, an.POSE + e % W, pair, pose, covariance)
 
 
 @inner

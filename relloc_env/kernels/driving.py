@@ -9,7 +9,7 @@ import math
 import numpy as np
 
 from relloc_env.kernels._compile import inlined, inner
-from relloc_env.kernels.lanes import W
+from relloc_env.kernels.lanes import W, natural
 from relloc_env.kernels.motion import advance, wrap_angle
 from relloc_env.kernels.world import DISC, to_box, to_disc, to_walls
 
@@ -72,54 +72,54 @@ def drive(t, points, targets, params, robots, obstacles, width):
 @inner
 def _propose(t, p, dt, robot, width):
     """Velocity and end of the sample of one robot, were there nothing in the way."""
-    t = t[p:]
+    p = natural(p)
     gain_v, gain_w, noise_v, noise_w = robot.gain_v, robot.gain_w, robot.actuator_v, robot.actuator_w
     least, most, turn = robot.min_speed, robot.max_speed, robot.max_yaw_rate
     for i in range(width):
-        v, w = t[i + WHEELS], t[i + WHEELS + W]
-        v += (t[i + COMMAND] - v) * gain_v + noise_v * t[i + NOISE]
-        w += (t[i + COMMAND + W] - w) * gain_w + noise_w * t[i + NOISE + W]
+        v, w = t[p + i + WHEELS], t[p + i + WHEELS + W]
+        v += (t[p + i + COMMAND] - v) * gain_v + noise_v * t[p + i + NOISE]
+        w += (t[p + i + COMMAND + W] - w) * gain_w + noise_w * t[p + i + NOISE + W]
         v, w = min(max(v, least), most), min(max(w, -turn), turn)
-        x, y, theta = advance(t[i + POSE], t[i + POSE + W], t[i + POSE + 2 * W], v, 0.0, w, dt)
-        t[i + WHEELS], t[i + WHEELS + W] = v, w
-        t[i + VELOCITY], t[i + VELOCITY + W], t[i + VELOCITY + 2 * W] = v, 0.0, w
-        t[i + END], t[i + END + W], t[i + END + 2 * W] = x, y, wrap_angle(theta)
-        t[i + _FREE_X], t[i + _FREE_Y], t[i + _FREE_V], t[i + _STOP] = x, y, v, 0.0
+        x, y, theta = advance(t[p + i + POSE], t[p + i + POSE + W], t[p + i + POSE + 2 * W], v, 0.0, w, dt)
+        t[p + i + WHEELS], t[p + i + WHEELS + W] = v, w
+        t[p + i + VELOCITY], t[p + i + VELOCITY + W], t[p + i + VELOCITY + 2 * W] = v, 0.0, w
+        t[p + i + END], t[p + i + END + W], t[p + i + END + 2 * W] = x, y, wrap_angle(theta)
+        t[p + i + _FREE_X], t[p + i + _FREE_Y], t[p + i + _FREE_V], t[p + i + _STOP] = x, y, v, 0.0
 
 
 @inner
 def _gap(t, place, result, half_x, half_y, obstacles, width):
     """Clearance [m] of a place, see `world.clearance`."""
-    t, gap = t[place:], t[result:]
+    p, gap = natural(place), natural(result)
     for i in range(width):
-        gap[i] = to_walls(t[i], t[i + W], half_x, half_y)
+        t[gap + i] = to_walls(t[p + i], t[p + i + W], half_x, half_y)
     for o in range(obstacles.shape[0]):
         c_x, c_y, a, b = obstacles[o, 1], obstacles[o, 2], obstacles[o, 3], obstacles[o, 4]
         if obstacles[o, 0] == DISC:
             for i in range(width):
-                gap[i] = min(gap[i], to_disc(t[i], t[i + W], c_x, c_y, a))
+                t[gap + i] = min(t[gap + i], to_disc(t[p + i], t[p + i + W], c_x, c_y, a))
         else:
             cos, sin = math.cos(obstacles[o, 5]), math.sin(obstacles[o, 5])
             for i in range(width):
-                gap[i] = min(gap[i], to_box(t[i], t[i + W], c_x, c_y, a, b, cos, sin))
+                t[gap + i] = min(t[gap + i], to_box(t[p + i], t[p + i + W], c_x, c_y, a, b, cos, sin))
 
 
 @inner
 def _shield(t, p, least, width):
     """Stop a robot that comes closer to a wall or an obstacle than the shield allows."""
-    t = t[p:]
+    p = natural(p)
     for i in range(width):
-        t[i + _STOP] = 1.0 if (t[i + _GAP_END] < least) & (t[i + _GAP_END] < t[i + _GAP]) else 0.0
+        t[p + i + _STOP] = 1.0 if (t[p + i + _GAP_END] < least) & (t[p + i + _GAP_END] < t[p + i + _GAP]) else 0.0
 
 
 @inner
 def _shield_target(t, p, q, least, width):
     """Stop a robot that comes closer to a target than the shield allows."""
-    t, target = t[p:], t[q:]
+    p, q = natural(p), natural(q)
     for i in range(width):
-        x, y = target[i], target[i + W]
-        end, now = _distance2(t, i + END, x, y), _distance2(t, i + POSE, x, y)
-        t[i + _STOP] = max(t[i + _STOP], 1.0 if (end < least * least) & (end < now) else 0.0)
+        x, y = t[q + i], t[q + i + W]
+        end, now = _distance2(t, p + i + END, x, y), _distance2(t, p + i + POSE, x, y)
+        t[p + i + _STOP] = max(t[p + i + _STOP], 1.0 if (end < least * least) & (end < now) else 0.0)
 
 
 @inlined
@@ -132,64 +132,65 @@ def _distance2(t, i, x, y):
 @inner
 def _hold(t, p, width):
     """Let a robot that is to stop turn on the spot."""
-    t = t[p:]
+    p = natural(p)
     for i in range(width):
-        stop = t[i + _STOP] != 0.0
-        t[i + END], t[i + END + W] = (
-            t[i + POSE] if stop else t[i + _FREE_X],
-            t[i + POSE + W] if stop else t[i + _FREE_Y],
+        stop = t[p + i + _STOP] != 0.0
+        t[p + i + END], t[p + i + END + W] = (
+            t[p + i + POSE] if stop else t[p + i + _FREE_X],
+            t[p + i + POSE + W] if stop else t[p + i + _FREE_Y],
         )
-        t[i + WHEELS] = 0.0 if stop else t[i + _FREE_V]
-        t[i + VELOCITY] = 0.0 if stop else t[i + _FREE_V]
+        t[p + i + WHEELS] = 0.0 if stop else t[p + i + _FREE_V]
+        t[p + i + VELOCITY] = 0.0 if stop else t[p + i + _FREE_V]
 
 
 @inner
 def _count(t, p, width):
     """Count the samples in which a robot was held."""
-    t = t[p:]
+    p = natural(p)
     for i in range(width):
-        t[i + BLOCKED] += t[i + _STOP]
+        t[p + i + BLOCKED] += t[p + i + _STOP]
 
 
 @inner
 def _keep_apart(t, p, q, least, width):
     """Stop the robots that approach each other within the shield's distance."""
-    t, o = t[p:], t[q:]
+    p, q = natural(p), natural(q)
     for i in range(width):
-        x, y, o_x, o_y = t[i + POSE], t[i + POSE + W], o[i + POSE], o[i + POSE + W]
-        now = _distance2(t, i + POSE, o_x, o_y)
-        end = _distance2(t, i + END, o[i + END], o[i + END + W])
+        x, y, o_x, o_y = t[p + i + POSE], t[p + i + POSE + W], t[q + i + POSE], t[q + i + POSE + W]
+        now = _distance2(t, p + i + POSE, o_x, o_y)
+        end = _distance2(t, p + i + END, t[q + i + END], t[q + i + END + W])
         near = (end < least * least) & (end < now)
-        t_nearer, o_nearer = _distance2(t, i + END, o_x, o_y) < now, _distance2(o, i + END, x, y) < now
+        t_nearer, o_nearer = _distance2(t, p + i + END, o_x, o_y) < now, _distance2(t, q + i + END, x, y) < now
         neither = (not t_nearer) & (not o_nearer)  # abreast: each alone would get ahead of the other, both close in
-        t[i + _STOP] = max(t[i + _STOP], 1.0 if near & (t_nearer | neither) else 0.0)
-        o[i + _STOP] = max(o[i + _STOP], 1.0 if near & (o_nearer | neither) else 0.0)
+        t[p + i + _STOP] = max(t[p + i + _STOP], 1.0 if near & (t_nearer | neither) else 0.0)
+        t[q + i + _STOP] = max(t[q + i + _STOP], 1.0 if near & (o_nearer | neither) else 0.0)
 
 
 @inner
 def _touch(t, p, radius, width):
     """Whether a robot ends against a wall or an obstacle."""
-    t = t[p:]
+    p = natural(p)
     for i in range(width):
-        t[i + TOUCHES] = 1.0 if t[i + _GAP_END] < radius else 0.0
+        t[p + i + TOUCHES] = 1.0 if t[p + i + _GAP_END] < radius else 0.0
 
 
 @inner
 def _touch_robot(t, p, q, reach, width):
     """Whether two robots end against each other."""
-    t, o = t[p:], t[q:]
+    p, q = natural(p), natural(q)
     for i in range(width):
-        end = _distance2(t, i + END, o[i + END], o[i + END + W])
-        t[i + TOUCHES] = max(t[i + TOUCHES], 1.0 if end < reach * reach else 0.0)
+        end = _distance2(t, p + i + END, t[q + i + END], t[q + i + END + W])
+        t[p + i + TOUCHES] = max(t[p + i + TOUCHES], 1.0 if end < reach * reach else 0.0)
 
 
 @inner
 def settle(t, count, width):
     """The ends become the poses."""
     for r in range(count):
-        q = t[r * ROBOT * W :]
+        p = natural(r * ROBOT * W)
         for i in range(width):
-            q[i + POSE], q[i + POSE + W], q[i + POSE + 2 * W] = q[i + END], q[i + END + W], q[i + END + 2 * W]
+            for j in range(3):
+                t[p + i + POSE + j * W] = t[p + i + END + j * W]
 
 
 @inlined

@@ -7,11 +7,17 @@ is chosen, both alternatives are computed and one is taken; the rare cases are m
 arithmetic of a lane does not depend on the other lanes, and no operation is reordered: an environment gives the same
 bits in any lane, alone or in company.
 
-Two habits keep the compiler able to do so. All that one loop reads and writes is in one array, a workspace, at places
-that are constants: nothing has to be told apart at run time. And `width`, the bound of such a loop, is an
-argument: with a constant the loop would be unrolled before it could become vectors.
+Some habits keep the compiler able to do so. All that one loop reads and writes is in one array, a workspace, at places
+that are constants: nothing has to be told apart at run time. `width`, the bound of such a loop, is an argument: with a
+constant the loop would be unrolled before it could become vectors. And what is chosen is not stored where one of the
+alternatives came from, or else the compiler stores some lanes alone, which is slow.
+
+Between lanes and the arrays that users read, an environment a row, numbers are carried one by one. So that this is
+little more than a load and a store each, kernels take those arrays flat (`flat`), count places themselves, tell the
+compiler that they are not negative (`natural`), and go over the lanes inside: arguments cost more than numbers.
 """
 
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -21,6 +27,7 @@ from relloc_env.kernels._compile import inlined
 
 W = 8
 """Environments in a block."""
+_POSITIVE = np.int64(0x7FFFFFFFFFFFFFFF)
 
 
 def width_of(num_envs: int) -> int:
@@ -42,6 +49,17 @@ def gather(table: NDArray[np.float64], rows: NDArray[Any]) -> NDArray[np.float64
 def scatter(table: NDArray[np.float64], rows: NDArray[Any], values: NDArray[np.float64]) -> None:
     """Put back what `gather` gave."""
     table.reshape(len(table), -1, W)[rows // W, :, rows % W] = values
+
+
+def flat(arrays: Iterable[NDArray[Any]]) -> tuple[NDArray[Any], ...]:
+    """C-contiguous arrays as lines of numbers, which share their memory."""
+    return tuple(array.reshape(-1) for array in arrays)
+
+
+@inlined
+def natural(number):
+    """A number that is not negative, which the compiler then knows: as a place it needs no test for a sign."""
+    return number & _POSITIVE
 
 
 @inlined

@@ -99,7 +99,7 @@ def _to_sample(t, i, ring, e, row, a, b):
 
 
 @inner
-def listen(t, i, ring, e, p, a, b, sample, arrived, received, options):
+def listen(t, i, ring, e, p, a, b, sample, arrived, got, options):
     """Take in the messages that reach the observer of pair `p` at sample `sample` (counted from 0), with lane `i`.
 
     Args:
@@ -109,19 +109,21 @@ def listen(t, i, ring, e, p, a, b, sample, arrived, received, options):
         sample: number of the present sample.
         arrived: bit j is set where the message of age j reaches the observer now. Ages beyond the ring, or before the
             first sample, are ignored.
-        received: (N, P) uint64, bit j tells whether the message of age j has been taken in; updated.
+        got: uint64, bit j tells whether the message of age j has been taken in, at the sample before.
         options: FilterOptions.
+
+    Returns:
+        The same at this sample.
     """
     length, points = ring.clock.shape[1], ring.point.shape[3]
-    one, got, anchors = np.uint64(1), received[e, p], ring.anchor[e, p]
+    one, anchors = np.uint64(1), ring.anchor[e, p]
     window = np.uint64(0xFFFFFFFFFFFFFFFF) >> np.uint64(64 - min(length, sample + 1))
     if (got >> np.uint64(length - 1)) & one:
         anchors[length] = anchors[sample % length]
     got = (got << one) & window
     new = arrived & window & ~got
-    received[e, p] = got | new
     if not new:
-        return
+        return got
     oldest = length - 1
     while not (new >> np.uint64(oldest)) & one:
         oldest -= 1
@@ -143,12 +145,13 @@ def listen(t, i, ring, e, p, a, b, sample, arrived, received, options):
                 _load(t, i + an.OTHER_POINT, ring.point[e, row, b, m])
                 an.take_point(t, i, options)
             _store(t, i + an.BASE, anchors[row])
+    return got
 
 
 @inner
-def present(t, i, ring, e, p, a, b, sample, received, options):
+def present(t, i, ring, e, p, a, b, sample, got, options):
     """Put the pose of pair `p` at sample `sample`, predicted from the newest anchor, into lane `i`."""
-    length, got, j = ring.clock.shape[1], received[e, p], ring.clock.shape[1]
+    length = j = ring.clock.shape[1]
     for age in range(length):
         if (got >> np.uint64(age)) & np.uint64(1):
             j = (sample - age) % length

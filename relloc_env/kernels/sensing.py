@@ -11,8 +11,8 @@ from relloc_env.kernels import driving as dr
 from relloc_env.kernels._compile import inlined, inner
 from relloc_env.kernels.camera import crosses_box, crosses_disc, view
 from relloc_env.kernels.elementary import sin_cos
-from relloc_env.kernels.lanes import W
-from relloc_env.kernels.streams import IMAGE, NETWORK, ODOMETRY, fill_normals, fill_uniforms, uniform
+from relloc_env.kernels.lanes import W, natural
+from relloc_env.kernels.streams import IMAGE, NETWORK, ODOMETRY, fill_normals, fill_uniforms, stream_of, uniform
 from relloc_env.kernels.world import DISC
 
 VISIBLE, MEASURED, X, Y = 0 * W, 1 * W, 2 * W, 3 * W
@@ -112,32 +112,33 @@ def look(t, points, sights, targets, robots, obstacles, width):
 @inner
 def _face(t, p, width):
     """Cosine and sine of a robot's heading."""
-    t = t[p:]
+    p = natural(p)
     for i in range(width):
-        t[i + dr.SIN], t[i + dr.COS] = sin_cos(t[i + dr.POSE + 2 * W])
+        t[p + i + dr.SIN], t[p + i + dr.COS] = sin_cos(t[p + i + dr.POSE + 2 * W])
 
 
 @inner
 def _project(t, p, q, s, robot, width):
     """One target in one robot's image."""
-    t, u, sight, height = t[p:], t[q:], t[s:], robot.mount_height
+    p, q, s, height = natural(p), natural(q), natural(s), robot.mount_height
     near, far, x_min, x_max, y_min, y_max = robot.near, robot.far, robot.x_min, robot.x_max, robot.y_min, robot.y_max
     for i in range(width):
-        cos, sin = t[i + dr.COS], t[i + dr.SIN]
-        z, x, y = view(t[i + dr.POSE], t[i + dr.POSE + W], cos, sin, height, u[i], u[i + W], u[i + 2 * W])
-        sight[i + VISIBLE] = 1.0 if _inside(z, x, y, near, far, x_min, x_max, y_min, y_max) else 0.0
-        sight[i + X], sight[i + Y] = x, y
+        cos, sin = t[p + i + dr.COS], t[p + i + dr.SIN]
+        r_x, r_y = t[p + i + dr.POSE], t[p + i + dr.POSE + W]
+        z, x, y = view(r_x, r_y, cos, sin, height, t[q + i], t[q + i + W], t[q + i + 2 * W])
+        t[s + i + VISIBLE] = 1.0 if _inside(z, x, y, near, far, x_min, x_max, y_min, y_max) else 0.0
+        t[s + i + X], t[s + i + Y] = x, y
 
 
 @inner
 def _hide_robot(t, p, q, s, other, robot, body, width):
     """Hide a target where another robot stands in the line of sight."""
     height, radius, top = robot.mount_height, body.radius, body.height
-    t, u, sight, other = t[p:], t[q:], t[s:], t[other:]
+    p, q, s, o = natural(p), natural(q), natural(s), natural(other)
     for i in range(width):
-        x, y, c_x, c_y = t[i + dr.POSE], t[i + dr.POSE + W], other[i + dr.POSE], other[i + dr.POSE + W]
-        hides = _hides_disc(x, y, height, u[i], u[i + W], u[i + 2 * W], c_x, c_y, radius, top)
-        sight[i + VISIBLE] = min(sight[i + VISIBLE], 0.0 if hides else 1.0)
+        x, y, c_x, c_y = t[p + i + dr.POSE], t[p + i + dr.POSE + W], t[o + i + dr.POSE], t[o + i + dr.POSE + W]
+        hides = _hides_disc(x, y, height, t[q + i], t[q + i + W], t[q + i + 2 * W], c_x, c_y, radius, top)
+        t[s + i + VISIBLE] = min(t[s + i + VISIBLE], 0.0 if hides else 1.0)
 
 
 @inner
@@ -145,18 +146,18 @@ def _hide(t, p, q, s, obstacles, o, robot, width):
     """Hide a target where an obstacle stands in the line of sight."""
     c_x, c_y, a, b = obstacles[o, 1], obstacles[o, 2], obstacles[o, 3], obstacles[o, 4]
     top, height = obstacles[o, 6], robot.mount_height
-    t, u, sight = t[p:], t[q:], t[s:]
+    p, q, s = natural(p), natural(q), natural(s)
     if obstacles[o, 0] == DISC:
         for i in range(width):
-            x, y = t[i + dr.POSE], t[i + dr.POSE + W]
-            hides = _hides_disc(x, y, height, u[i], u[i + W], u[i + 2 * W], c_x, c_y, a, top)
-            sight[i + VISIBLE] = min(sight[i + VISIBLE], 0.0 if hides else 1.0)
+            x, y = t[p + i + dr.POSE], t[p + i + dr.POSE + W]
+            hides = _hides_disc(x, y, height, t[q + i], t[q + i + W], t[q + i + 2 * W], c_x, c_y, a, top)
+            t[s + i + VISIBLE] = min(t[s + i + VISIBLE], 0.0 if hides else 1.0)
     else:
         cos, sin = math.cos(obstacles[o, 5]), math.sin(obstacles[o, 5])
         for i in range(width):
-            x, y = t[i + dr.POSE], t[i + dr.POSE + W]
-            hides = _hides_box(x, y, height, u[i], u[i + W], u[i + 2 * W], c_x, c_y, a, b, cos, sin, top)
-            sight[i + VISIBLE] = min(sight[i + VISIBLE], 0.0 if hides else 1.0)
+            x, y = t[p + i + dr.POSE], t[p + i + dr.POSE + W]
+            hides = _hides_box(x, y, height, t[q + i], t[q + i + W], t[q + i + 2 * W], c_x, c_y, a, b, cos, sin, top)
+            t[s + i + VISIBLE] = min(t[s + i + VISIBLE], 0.0 if hides else 1.0)
 
 
 @inlined
@@ -181,67 +182,67 @@ def detect(t, sights, robot, targets, width):
     focal, c_x, c_y = robot.focal_length, robot.centre_x, robot.centre_y
     noise, step, missed = robot.pixel_noise, robot.quantisation, robot.miss_probability
     for m in range(targets):
-        sight = t[sights + m * SIGHT * W :]
+        s = natural(sights + m * SIGHT * W)
         for i in range(width):
-            sight[i + MEASURED] = sight[i + VISIBLE] if sight[i + CHANCE] >= missed else 0.0
-            sight[i + X] = _detect(sight[i + X], focal, c_x, noise * sight[i + NOISE], step)
-            sight[i + Y] = _detect(sight[i + Y], focal, c_y, noise * sight[i + NOISE + W], step)
+            t[s + i + MEASURED] = t[s + i + VISIBLE] if t[s + i + CHANCE] >= missed else 0.0
+            t[s + i + X] = _detect(t[s + i + X], focal, c_x, noise * t[s + i + NOISE], step)
+            t[s + i + Y] = _detect(t[s + i + Y], focal, c_y, noise * t[s + i + NOISE + W], step)
 
 
 @inner
-def draw(t, lane, streams, n, sights, targets, params, count):
-    """Draw what one environment's sample needs; how much does not depend on what is seen.
+def draw(t, live, streams, rows, begin, lanes, sights, targets, params, count):
+    """Draw what a sample of the lanes that are `live` needs; how much does not depend on what is seen.
 
     Args:
-        t, lane: workspace and lane.
-        streams: uint64 (N, S, 2); n: environment.
+        t, live: workspace and its lanes.
+        streams: uint64 (N S 2).
+        rows, begin, lanes: environments of the batch, the first in this block, how many are.
         sights: place of the first of the R M sights.
         targets: count M of targets.
         params: record.
         count: robots.
     """
-    if params.image_noise:
-        for k in range(count * targets):
-            fill_normals(streams, n, IMAGE, t, sights + k * SIGHT * W + NOISE + lane, W, 2)
-    if params.misses:
-        fill_uniforms(streams, n, IMAGE, t, sights + CHANCE + lane, SIGHT * W, count * targets)
-    if params.odometry_noise:
-        for r in range(count):
-            fill_normals(streams, n, ODOMETRY, t, r * dr.ROBOT * W + dr.NOISE + lane, W, 2)
+    for lane in range(lanes):
+        if live[lane]:
+            n = rows[begin + lane]
+            if params.image_noise:
+                fill_normals(streams, n, IMAGE, t, sights + NOISE + lane, SIGHT * W, count * targets)
+            if params.misses:
+                fill_uniforms(streams, n, IMAGE, t, sights + CHANCE + lane, SIGHT * W, count * targets)
+            if params.odometry_noise:
+                fill_normals(streams, n, ODOMETRY, t, dr.NOISE + lane, dr.ROBOT * W, count)
 
 
 @inlined
 def frame_due(tick, rate):
     """Whether a camera with `rate` <= 1 frames per sample takes one at this tick: the first, and each that is due."""
-    return tick == 0 or math.floor(tick * rate + 1e-9) > math.floor((tick - 1) * rate + 1e-9)
+    return rate >= 1.0 or tick == 0 or math.floor(tick * rate + 1e-9) > math.floor((tick - 1) * rate + 1e-9)
 
 
 @inner
-def exchange(deliver, streams, arrived, tick, n, k, params, pairs):
-    """Send this sample's messages, and mark those that arrive now.
+def exchange(deliver, streams, arrived, tick, n, place, params, pairs):
+    """Send this sample's messages, and mark those that arrive now, from `place` of `arrived` on.
 
     A message made at a tick arrives after latency + jitter, at the first sample that is not before; or never.
     """
-    if params.perfect_network:
-        for p in range(pairs.shape[0]):
-            arrived[n, k, p] = np.uint64(1)
-        return
-    window = deliver.shape[2]
+    window = params.window
+    stream = stream_of(streams, n, NETWORK)
     for p in range(pairs.shape[0]):
         due = tick
         if params.message_every > 1 and tick % params.message_every != 0:
             due = -1
         else:
-            if params.loss > 0.0 and uniform(streams[n, NETWORK]) < params.loss:
+            if params.loss > 0.0 and uniform(stream) < params.loss:
                 due = -1
             delay = params.latency
             if params.jitter > 0.0:
-                delay += params.jitter * uniform(streams[n, NETWORK])
+                delay += params.jitter * uniform(stream)
             if due >= 0:
                 due = tick + np.int64(math.ceil(delay / params.dt - 1e-9))
-        deliver[n, p, tick % window] = due
+        first = natural((n * pairs.shape[0] + p) * window)
+        deliver[first + tick % window] = due
         came = np.uint64(0)
         for age in range(min(window, tick + 1)):
-            if deliver[n, p, (tick - age) % window] == tick:
+            if deliver[first + (tick - age) % window] == tick:
                 came |= np.uint64(1) << np.uint64(age)
-        arrived[n, k, p] = came
+        arrived[place + p] = came

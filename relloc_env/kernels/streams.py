@@ -14,6 +14,7 @@ import math
 import numpy as np
 
 from relloc_env.kernels._compile import inlined, inner, kernel
+from relloc_env.kernels.lanes import W, natural
 
 SCENARIO, IMAGE, ODOMETRY, NETWORK, ACTUATOR = range(5)
 """Purposes: index of the stream along the axis S."""
@@ -151,20 +152,34 @@ def _normal(s0, s1):
     return sign * x, s0, s1
 
 
+@inlined
+def stream_of(streams, n, purpose):
+    """The stream of environment n for a purpose, of the flat array of all: uint64 (2,), live."""
+    at = 2 * (n * PURPOSES + purpose)
+    return streams[at : at + 2]
+
+
 @inner
 def fill_normals(streams, n, purpose, t, place, step, count):
-    """Draw `count` standard normals of environment n into t[place], t[place + step], ..."""
-    s0, s1 = streams[n, purpose, 0], streams[n, purpose, 1]
+    """Draw `count` pairs of standard normals of environment n, into places p and p + W for p = place, place + step, ...
+
+    `streams` is flat.
+    """
+    at, place = natural(2 * (n * PURPOSES + purpose)), natural(place)
+    s0, s1 = streams[at], streams[at + 1]
     for k in range(count):
-        t[place + k * step], s0, s1 = _normal(s0, s1)
-    streams[n, purpose, 0], streams[n, purpose, 1] = s0, s1
+        p = natural(place + k * step)
+        t[p], s0, s1 = _normal(s0, s1)
+        t[p + W], s0, s1 = _normal(s0, s1)
+    streams[at], streams[at + 1] = s0, s1
 
 
 @inner
 def fill_uniforms(streams, n, purpose, t, place, step, count):
-    """The same, uniform in [0, 1)."""
-    s0, s1 = streams[n, purpose, 0], streams[n, purpose, 1]
+    """Draw `count` numbers uniform in [0, 1) into places place, place + step, ...; `streams` is flat."""
+    at, place = natural(2 * (n * PURPOSES + purpose)), natural(place)
+    s0, s1 = streams[at], streams[at + 1]
     for k in range(count):
         bits, s0, s1 = advance_state(s0, s1)
-        t[place + k * step] = unit(bits)
-    streams[n, purpose, 0], streams[n, purpose, 1] = s0, s1
+        t[natural(place + k * step)] = unit(bits)
+    streams[at], streams[at + 1] = s0, s1
