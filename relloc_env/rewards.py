@@ -24,7 +24,7 @@ from relloc_env.kernels.information import (
     pose_information,
     range_variance,
 )
-from relloc_env.kernels.lanes import W, natural
+from relloc_env.kernels.lanes import W, natural, workspace
 from relloc_env.kernels.motion import wrap_angle
 
 TERMS: Mapping[str, str] = {
@@ -221,7 +221,8 @@ def _excite(t, p, q, s, height, dt, width):
     """Add the excitation of one sample, where the point is seen."""
     p, q, s = natural(p), natural(q), natural(s)
     for i in range(width):
-        _, x, y = view(t[p + i + _X], t[p + i + _Y], t[p + i + _COS], t[p + i + _SIN], height, t[q + i], t[q + i + W], t[q + i + 2 * W])
+        r_x, r_y, cos, sin = t[p + i + _X], t[p + i + _Y], t[p + i + _COS], t[p + i + _SIN]
+        _, x, y = view(r_x, r_y, cos, sin, height, t[q + i], t[q + i + W], t[q + i + 2 * W])
         gained = excitation(x, y, t[p + i + _V], t[p + i + _LATERAL]) * dt
         t[s + i + _EXCITATION] += gained if t[s + i + _SEEN] != 0.0 else 0.0
 
@@ -284,7 +285,7 @@ def score_action(
     at = robots * _ROBOT * W
     sights = at + count * 3 * W
     others = sights + robots * count * _SIGHT * W
-    t = np.zeros(others + pairs.shape[0] * _PAIR * W)
+    t = workspace(others // W + pairs.shape[0] * _PAIR, width)
     for begin in range(0, rows.shape[0], W):
         end = min(begin + W, rows.shape[0])
         _load(t, at, sights, others, robots, count, pairs, points, e_points, e_known, e_pose, rows, begin, end)

@@ -3,7 +3,7 @@
 Shapes: N environments, K samples, R robots, M points, P ordered pairs of robots, in the order of `ordered_pairs`.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,19 @@ Float32 = NDArray[np.float32]
 Bool = NDArray[np.bool_]
 Rows = NDArray[np.int64]
 """Indices of the environments a call works on; what the others hold is left as it is."""
+
+
+class Sharing:
+    """Hands out views of its own arrays. Copied or pickled, views would be arrays of their own: they are made anew."""
+
+    def _share(self) -> None:
+        """Make the views."""
+        raise NotImplementedError
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Take over what a copy or a pickle holds."""
+        self.__dict__.update(state)
+        self._share()
 
 
 def ordered_pairs(robots: int) -> NDArray[np.int64]:

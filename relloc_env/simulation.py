@@ -17,14 +17,14 @@ from relloc_env.kernels.stepping import advance, after_contact, begin
 from relloc_env.kernels.streams import PURPOSES, seed_streams
 from relloc_env.kernels.world import Truth, World
 from relloc_env.parameters import pack_obstacles, pack_parameters, pack_robots
-from relloc_env.samples import Float, Prior, Rows, Samples, empty_samples, ordered_pairs
+from relloc_env.samples import Float, Prior, Rows, Sharing, empty_samples, ordered_pairs
 from relloc_env.world import ContactSolver
 
 OPTIONS = ("poses", "points")
 """What `options` of a reset may fix."""
 
 
-class Simulation:
+class Simulation(Sharing):
     """N environments of one configuration: reset, step, and what the robots measured meanwhile.
 
     Attributes:
@@ -62,14 +62,23 @@ class Simulation:
             streams=np.zeros((n, PURPOSES, 2), np.uint64),
         )
         self.first = empty_samples(n, 1, r, m, p)
-        self.first_truth = Truth(self.world.pose[:, None], self.world.velocity[:, None], self.first.seen)
-        self.samples, self.truth = (self.first, self.first_truth) if k == 1 else _blocks(n, k, r, m, p)
+        self.samples = self.first if k == 1 else empty_samples(n, k, r, m, p)
+        self._kept: Truth | None = None
+        if k > 1:
+            self._kept = Truth(np.zeros((n, k, r, 3)), np.zeros((n, k, r, 3)), np.zeros((n, k, r, m), np.bool_))
         self.fix(np.arange(n), {})
         self._solvers: list[ContactSolver | None] = [None] * threads
         self._constants = (self.parameters, self.robots, self.obstacles, self.pairs)
-        self._arrays = flat((*(getattr(self.world, name) for name in _MOVED), *self.samples, *self.truth))
-        self._begun = (*(getattr(self.world, name) for name in _MOVED + _DRAWN), *self.first, *self.first_truth)
+        self._share()
         self.seed(np.arange(n), [int(seed) for seed in np.random.SeedSequence().generate_state(n, np.uint64)])
+
+    def _share(self) -> None:
+        """Views of arrays; with one sample, the truth is what `world` has."""
+        world = self.world
+        self.first_truth = Truth(world.pose[:, None], world.velocity[:, None], self.first.seen)
+        self.truth = self._kept or self.first_truth
+        self._arrays = flat((*(getattr(world, name) for name in _MOVED), *self.samples, *self.truth))
+        self._begun = (*(getattr(world, name) for name in _MOVED + _DRAWN), *self.first, *self.first_truth)
 
     def seed(self, rows: Rows, seeds: Sequence[int]) -> None:
         """Start the random streams of the environments `rows` from one seed each."""
@@ -175,13 +184,6 @@ _MOVED = (
 """Fields of `World` that `advance` takes one by one (quicker to hand over than a tuple)."""
 _DRAWN = ("fixed_poses", "fixed_points", "guess_depth", "guess_pose")
 """Those that `begin` takes as well."""
-
-
-def _blocks(n: int, k: int, r: int, m: int, p: int) -> tuple[Samples, Truth]:
-    """Empty arrays for K samples."""
-    samples = empty_samples(n, k, r, m, p)
-    truth = Truth(np.zeros((n, k, r, 3)), np.zeros((n, k, r, 3)), np.zeros((n, k, r, m), np.bool_))
-    return samples, truth
 
 
 def _fold(seed: int) -> int:

@@ -16,14 +16,14 @@ from relloc_env.envs.threads import LEAST, check_threads, parts, run
 from relloc_env.estimators.protocol import Estimator
 from relloc_env.kernels.lanes import flat, width_of
 from relloc_env.rewards import BOUND_FIELDS, carry_bound, make_score, pack_known, score_action, start_bound, weights
-from relloc_env.samples import Bool, Float, Float32, Rows, copy_sample
+from relloc_env.samples import Bool, Float, Float32, Rows, Sharing, copy_sample
 from relloc_env.simulation import Simulation
 
 ROBOT_NAMES = ("robot_a", "robot_b")
 """Names of the agents, as in the paper."""
 
 
-class Core:
+class Core(Sharing):
     """N environments: actions in, observations, rewards and ends out.
 
     Attributes:
@@ -69,7 +69,7 @@ class Core:
         self._ends = pack_ends(config)
         self._limits = np.array([config.max_cycles, config.sample_period])
         self._width = width_of(n)
-        self._hand_over()
+        self._share()
         self.information = Information(self)
 
     @property
@@ -124,15 +124,13 @@ class Core:
                 *self._bound, *self._sight, *self._known, rows, self.score.terms, simulation.truth.velocity,
                 self.config.sample_period,
             )  # fmt: skip
-        score_action(
-            *self._scored, actions.reshape(-1), *self._scored_by, self.config.samples_per_action, rows, False
-        )
+        score_action(*self._scored, actions.reshape(-1), *self._scored_by, self.config.samples_per_action, rows, False)
         self._observe(rows)
 
     def _observe(self, rows: Rows) -> None:
         observe(self.observation, *self._observed, rows, self.bare, self._width)
 
-    def _hand_over(self) -> None:
+    def _share(self) -> None:
         """Put together once what kernels are given at every step: live arrays."""
         simulation, world, score = self.simulation, self.simulation.world, self.score
         estimate, memory = self.onboard.estimate, self.onboard.memory
@@ -141,10 +139,10 @@ class Core:
         self._first_sight = (world.pose, world.points, simulation.first_truth.pose, simulation.first_truth.visible)
         written = (score.terms, score.depth_error, score.pose_error, self.reward, self.last_action)
         truth = (world.points, world.collided, world.blocked)
-        believed = (estimate.points, estimate.known, estimate.pose)
-        ended = (self._known.camera_heights, self.joint_reward, score.worst_sd, self.elapsed, self.terminated, self.truncated)
+        believed, heights = (estimate.points, estimate.known, estimate.pose), self._known.camera_heights
+        ended = (self.joint_reward, score.worst_sd, self.elapsed, self.terminated, self.truncated)
         self._scored, self._scored_first = (
-            (*flat((*written, *truth, samples.seen, happened.pose, happened.velocity, *ended)), *believed)
+            (*flat((*written, *truth, samples.seen, happened.pose, happened.velocity, heights, *ended)), *believed)
             for samples, happened in (
                 (simulation.samples, simulation.truth),
                 (simulation.first, simulation.first_truth),

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from relloc_env.config import ConfigError, hint
 from relloc_env.ends import mean_terms
 from relloc_env.rewards import TERMS
-from relloc_env.samples import Bool, Rows
+from relloc_env.samples import Bool, Rows, Sharing
 
 if TYPE_CHECKING:
     from relloc_env.envs.core import Core
@@ -22,7 +22,7 @@ Take = Callable[[NDArray[Any]], Any]
 """Copies of a live array, N first, what is wanted."""
 
 
-class Information:
+class Information(Sharing):
     """Reads `info` from the live arrays of a core. What it gives is copied: later steps leave it as it is.
 
     Args:
@@ -44,10 +44,15 @@ class Information:
         bound = core.config.tracks_bound
         self._with_information, self._with_bound = wanted["information"] and bound, wanted["bound_sd"] and bound
 
-    def _common(self, take: Take, number: Take) -> dict[str, Any]:
-        """All but rewards and priors. `take` copies from arrays (N, ...), `number` from arrays (N,)."""
+        self._share()
+
+    def _share(self) -> None:
+        """What each environment has of the arrays, as it is asked for."""
+        self._lines: dict[int, tuple[Any, Any]] = {}
+
+    def _common(self, world: Any, score: Any, take: Take, number: Take) -> dict[str, Any]:
+        """All but rewards and priors. `take` copies from fields (N, ...) of `World` and `Score`, `number` from (N,)."""
         info: dict[str, Any] = {}
-        world, score = self._world, self._score
         if self._with_truth:
             info["truth"] = {"poses": take(world.pose), "points": take(world.points)}
         if self._with_errors:
@@ -70,7 +75,13 @@ class Information:
 
     def _at(self, n: int, new: bool) -> dict[str, Any]:
         """All but rewards, of environment n."""
-        info = self._common(lambda array: array[n].copy(), lambda array: array.item(n))
+        if n not in self._lines:
+            world, score = self._world, self._score
+            self._lines[n] = (
+                world._make(_line(array, n) for array in world),
+                score._make(_line(array, n) for array in score),
+            )
+        info = self._common(*self._lines[n], np.ndarray.copy, np.ndarray.item)
         if new and self._with_prior:
             info["prior"] = self._told(lambda array: array[n].copy(), lambda array: array.item(n))
         return info
@@ -114,7 +125,7 @@ class Information:
             mean_terms(self._score.terms, mean)
             mean = mean if rows is None else take(mean)
             info = {name: mean[:, i] for i, name in enumerate(_TERMS)}
-        info = _masked(info | self._common(take, take), _mask(self._num_envs, rows))
+        info = _masked(info | self._common(self._world, self._score, take, take), _mask(self._num_envs, rows))
         if new is not None and self._with_prior:
             take = _taker(new)
             info |= _masked({"prior": self._told(take, take)}, _mask(self._num_envs, new))
@@ -130,6 +141,11 @@ def check_entries(entries: object) -> tuple[str, ...]:
             close = hint(name, ENTRIES) if isinstance(name, str) else ""
             raise ConfigError(f"Argument `info` must have names among {', '.join(ENTRIES)}, but has {name!r}{close}")
     return tuple(entries)
+
+
+def _line(array: NDArray[Any], n: int) -> NDArray[Any]:
+    """What an array (N, ...) has of environment n, live."""
+    return array[n] if array.ndim > 1 else array[n : n + 1]
 
 
 def _taker(rows: Rows | None) -> Take:

@@ -13,7 +13,7 @@ from relloc_env.config import EnvConfig
 from relloc_env.envs.onboard import BARE_POINT, FAR, IMAGE, MOTION, POINT, bounded
 from relloc_env.kernels._compile import inner, kernel
 from relloc_env.kernels.elementary import log, sin_cos
-from relloc_env.kernels.lanes import W, natural
+from relloc_env.kernels.lanes import W, natural, workspace
 
 
 class Field(NamedTuple):
@@ -95,7 +95,7 @@ def bounds(config: EnvConfig) -> tuple[Any, Any]:
 
 # Workspace of `observe`, in lanes: a pose, its covariance, and what is written of them.
 _THETA, _COVARIANCE, _SIN, _COS, _LOG_SD, _CORRELATION, _LOG_DET = (k * W for k in (0, 1, 7, 8, 9, 12, 15))
-_WORK = 16 * W
+_WORK = 16
 
 
 @inner
@@ -136,7 +136,8 @@ def observe(
         bare: whether there is no estimator; then the whole block of samples is shown.
         width: lanes of a block.
     """
-    robots, count, block, others, length = seen.shape[2], seen.shape[3], period.shape[1], seen.shape[2] - 1, out.shape[2]
+    robots, count, block, length = seen.shape[2], seen.shape[3], period.shape[1], out.shape[2]
+    others = robots - 1
     size = count * (BARE_POINT if bare else POINT)
     own = 3 + MOTION + 2
     told = own + (block * (4 + 3 * count) if bare else size)
@@ -181,7 +182,7 @@ def observe(
 @inner
 def _poses(out, robots, length, rest, others, pose, covariance, pairs, rows, width):
     """Write the estimated poses of the other robots."""
-    t, count = np.zeros(_WORK), pairs.shape[0]
+    t, count = workspace(_WORK, width), pairs.shape[0]
     for begin in range(0, rows.shape[0], W):
         end = min(begin + W, rows.shape[0])
         for p in range(count):

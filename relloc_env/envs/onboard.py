@@ -15,9 +15,19 @@ from relloc_env.estimators.protocol import Estimator
 from relloc_env.estimators.registry import make
 from relloc_env.kernels._compile import inlined, inner, kernel
 from relloc_env.kernels.elementary import log, sin_cos
-from relloc_env.kernels.lanes import W, flat, natural, width_of
+from relloc_env.kernels.lanes import W, flat, natural, width_of, workspace
 from relloc_env.kernels.motion import advance, wrap_angle
-from relloc_env.samples import Bool, Estimate, Prior, Rows, Samples, copy_sample, empty_samples, ordered_pairs
+from relloc_env.samples import (
+    Bool,
+    Estimate,
+    Prior,
+    Rows,
+    Samples,
+    Sharing,
+    copy_sample,
+    empty_samples,
+    ordered_pairs,
+)
 
 FAR = 100.0
 """[m] bound of positions."""
@@ -57,7 +67,7 @@ _POSE, _VELOCITY, _SIN, _COS = 0 * W, 3 * W, 6 * W, 7 * W
 # and for one of its points.
 _SEEN, _IMAGE_X, _IMAGE_Y, _BEARING, _ELEVATION, _RHO, _VARIANCE, _KNOWN = (k * W for k in range(8, 16))
 _TOLD = 16 * W
-_WORK = 24 * W
+_WORK = 24
 
 
 @inner
@@ -120,7 +130,7 @@ def _tell(
     told = count * size + MOTION
     odometry, image, seen, arrived = odometry.ravel(), image.ravel(), seen.ravel(), arrived.ravel()
     points, points_covariance, known = points.ravel(), points_covariance.ravel(), known.ravel()
-    t, slots = np.zeros(_WORK), np.zeros(W, np.int64)
+    t, slots = workspace(_WORK, width), np.zeros(W, np.int64)
     for begin in range(0, rows.shape[0], W):
         end = min(begin + W, rows.shape[0])
         for j in range(begin, end):
@@ -167,8 +177,12 @@ def _tell(
                 for j in range(begin, end):
                     i = j - begin
                     to = natural(((rows[j] * robots + r) * window + slots[i]) * told + m * size)
-                    for k in range(size):
-                        outbox[to + k] = t[_TOLD + k * W + i]
+                    if bare:
+                        for k in range(BARE_POINT):
+                            outbox[to + k] = t[_TOLD + k * W + i]
+                    else:
+                        for k in range(POINT):
+                            outbox[to + k] = t[_TOLD + k * W + i]
         for j in range(begin, end):
             n = natural(rows[j])
             tick = ticks[n]
@@ -186,7 +200,7 @@ def _tell(
                         break
 
 
-class Onboard:
+class Onboard(Sharing):
     """What the robots of N environments make of their samples.
 
     Attributes:
@@ -213,19 +227,24 @@ class Onboard:
             inbox=np.zeros((n, p, told), np.float32),
             inbox_tick=np.full((n, p), -1, np.int64),
         )
-        self._flat = (*flat(self.memory), window)
+        self._window = window
+        self._share()
         self._told = (self.estimate.points, self.estimate.points_covariance, self.estimate.known, self.pairs)
         self._width = width_of(n)
         self._single: Samples | None = None
         if not config.network.perfect:
             self._single = empty_samples(n, 1, r, m, p)
 
+    def _share(self) -> None:
+        """Memory as kernels are given it."""
+        self._flat = (*flat(self.memory), self._window)
+
     def reset(self, prior: Prior, first: Samples, rows: Rows) -> None:
         """Start episodes from what the robots are told and their first sample."""
         if self.estimator is not None:
             self.estimator.reset(prior, rows)
             self.estimator.update(first, rows)
-        self._tell(first, rows, first=True)
+        _tell(*self._flat, *first, *self._told, rows, True, self.bare, self._width)
 
     def update(self, samples: Samples, rows: Rows) -> None:
         """Take in the samples of an action.
@@ -242,10 +261,7 @@ class Onboard:
     def _take(self, samples: Samples, rows: Rows) -> None:
         if self.estimator is not None:
             self.estimator.update(samples, rows)
-        self._tell(samples, rows, first=False)
-
-    def _tell(self, samples: Samples, rows: Rows, *, first: bool) -> None:
-        _tell(*self._flat, *samples, *self._told, rows, first, self.bare, self._width)
+        _tell(*self._flat, *samples, *self._told, rows, False, self.bare, self._width)
 
     def get_state(self, rows: Rows) -> dict[str, Any]:
         """Copies of everything that is remembered of the environments `rows`."""

@@ -10,7 +10,7 @@ from relloc_env.estimators.config import CascadeConfig
 from relloc_env.kernels import anchors, depth_state, pose_filter, relative_pose
 from relloc_env.kernels import cascade as kernels
 from relloc_env.kernels.lanes import W, blocks, flat, gather, scatter
-from relloc_env.samples import Estimate, Float, Prior, Rows, Samples, ordered_pairs
+from relloc_env.samples import Estimate, Float, Prior, Rows, Samples, Sharing, ordered_pairs
 
 _MODELS = {
     "position": relative_pose.POSITION,
@@ -19,7 +19,7 @@ _MODELS = {
 }
 
 
-class Cascade:
+class Cascade(Sharing):
     """Depth observers and pose filters of N environments; see `estimators.protocol.Estimator`.
 
     Args:
@@ -75,6 +75,10 @@ class Cascade:
             pose=np.zeros((n, pairs, 3)),
             pose_covariance=np.zeros((n, pairs, 3, 3)),
         )
+        self._share()
+
+    def _share(self) -> None:
+        """What kernels are given, flat."""
         self._remembered = (self._sizes, self._sample, self._table, self._received.reshape(-1), self._ring)
         self._shown = flat(self._estimate)
         self._updated = (
@@ -96,9 +100,7 @@ class Cascade:
     def reset(self, prior: Prior, rows: Rows) -> None:
         """Forget everything about the environments `rows`, gains apart, and start from `prior`."""
         check_prior(prior, *self._estimate.known.shape)
-        status = kernels.reset(
-            prior.depth, prior.pose, float(prior.depth_sd), prior.pose_sd, *self._remembered, rows
-        )
+        status = kernels.reset(prior.depth, prior.pose, float(prior.depth_sd), prior.pose_sd, *self._remembered, rows)
         if status:
             self._raise(status)
         self._show(rows)

@@ -16,9 +16,11 @@ from relloc_env.kernels.elementary import sin_cos
 from relloc_env.kernels.lanes import W
 from relloc_env.kernels.motion import arc
 
-MOTION, CLOCK, ANCHOR, POINT = 14, 2, 38, 6
+MOTION, CLOCK, ANCHOR, POINT = 14, 2, 38, 8
 """Numbers of a motion; of the clock: time [s] and samples since the start over which time passed; of an anchor; and
-of a point: q_x, q_y in the plane of the body, their covariance xx, xy, yy, and whether it may be used."""
+of a point: the first seven from `depth_state.Q_X` on, and whether it may be used."""
+_P_X, _P_Y, _P_XX, _P_XY, _P_YY, USABLE = 0 * W, 1 * W, 3 * W, 4 * W, 6 * W, 7 * W
+"""Of a point: q_x, q_y in the plane of the body, their covariance, 1 where it may be used."""
 PLAIN_MOTION, PLAIN_ANCHOR = 8, 26
 """Those that are kept where the covariance of dead reckoning, which comes last, is not used."""
 
@@ -39,7 +41,9 @@ HEARD = OTHER_POINT + POINT * W
 """1 where the message of this sample has come, else 0."""
 POSE = HEARD + W
 """The pose now (3) and its covariance (6)."""
-WORKSPACE = POSE // W + 9
+NEXT = POSE + 9 * W
+"""What an update makes of the pose (3), its covariance (6), cosine and sine of theta."""
+WORKSPACE = NEXT // W + 11
 """Numbers in a workspace."""
 
 
@@ -236,25 +240,38 @@ def _take_over(t, a, m):
 
 @inlined
 def take_point(t, i, options):
-    """Take the point into the anchor of lane `i`, where it has been heard from B and both robots may use the point."""
+    """What the point makes of the anchor of lane `i`, to `NEXT`: the same as before, where it may not be used.
+
+    It may where it has been heard from B and both robots know it. `accept` follows, in a loop of its own.
+    """
     a, own, other, p, q = i + BASE, i + OWN, i + OTHER, i + OWN_POINT, i + OTHER_POINT
-    use = (t[i + HEARD] != 0.0) & (t[p + 5 * W] != 0.0) & (t[q + 5 * W] != 0.0)
+    use = (t[i + HEARD] != 0.0) & (t[p + USABLE] != 0.0) & (t[q + USABLE] != 0.0)
     cos, sin, w_a = t[a + _COS], t[a + _SIN], t[own + _YAW_RATE]
     old = ds.six(t, a + 3 * W)
     y_0, y_1, h_0x, h_0y, h_0t, h_1x, h_1y, h_1t = rp.observe(
-        options.model, t[a], t[a + W], cos, sin, t[p], t[p + W], t[q], t[q + W],
+        options.model, t[a], t[a + W], cos, sin, t[p + _P_X], t[p + _P_Y], t[q + _P_X], t[q + _P_Y],
         t[own + _V], t[own + _LATERAL], w_a, t[other + _V], t[other + _LATERAL],
     )  # fmt: skip
     n_xx, n_xy, n_yy = options.variance, 0.0, options.variance
     if options.from_depth:
         n_xx, n_xy, n_yy = rp.observe_covariance(
-            options.model, cos, sin, w_a, t[p + 2 * W], t[p + 3 * W], t[p + 4 * W],
-            t[q + 2 * W], t[q + 3 * W], t[q + 4 * W], options.variance,
+            options.model, cos, sin, w_a, t[p + _P_XX], t[p + _P_XY], t[p + _P_YY],
+            t[q + _P_XX], t[q + _P_XY], t[q + _P_YY], options.variance,
         )  # fmt: skip
     r_x, r_y, theta, pxx, pxy, pxt, pyy, pyt, ptt = rp.correct(
         t[a], t[a + W], t[a + 2 * W], old, y_0, y_1, h_0x, h_0y, h_0t, h_1x, h_1y, h_1t, n_xx, n_xy, n_yy
     )
     sin_new, cos_new = sin_cos(theta)
-    t[a], t[a + W], t[a + 2 * W] = r_x if use else t[a], r_y if use else t[a + W], theta if use else t[a + 2 * W]
-    ds.put_six(t, a + 3 * W, ds.choose(use, (pxx, pxy, pxt, pyy, pyt, ptt), old))
-    t[a + _COS], t[a + _SIN] = cos_new if use else cos, sin_new if use else sin
+    n = i + NEXT
+    t[n], t[n + W], t[n + 2 * W] = r_x if use else t[a], r_y if use else t[a + W], theta if use else t[a + 2 * W]
+    ds.put_six(t, n + 3 * W, ds.choose(use, (pxx, pxy, pxt, pyy, pyt, ptt), old))
+    t[n + 9 * W], t[n + 10 * W] = cos_new if use else cos, sin_new if use else sin
+
+
+@inlined
+def accept(t, i):
+    """The anchor of lane `i` is what `take_point` found."""
+    a, n = i + BASE, i + NEXT
+    t[a], t[a + W], t[a + 2 * W] = t[n], t[n + W], t[n + 2 * W]
+    ds.put_six(t, a + 3 * W, ds.six(t, n + 3 * W))
+    t[a + _COS], t[a + _SIN] = t[n + 9 * W], t[n + 10 * W]

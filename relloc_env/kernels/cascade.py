@@ -15,7 +15,7 @@ from relloc_env.kernels import pose_filter as pf
 from relloc_env.kernels._compile import inlined, inner, kernel
 from relloc_env.kernels.depth_covariance import body_to_polar
 from relloc_env.kernels.elementary import atan2
-from relloc_env.kernels.lanes import W, copy, natural, width_of
+from relloc_env.kernels.lanes import W, copy, natural, width_of, workspace
 
 OK, ROW_OUT_OF_RANGE, MESSAGE_TOO_OLD, NOT_RESET = 0, 1, 2, 3
 
@@ -24,8 +24,6 @@ _POLAR = an.WORKSPACE * W
 _USABLE = _POLAR + 9 * W
 """Place of R M numbers: 1 where a robot's point may take part in the pose update."""
 _WORKSPACE = _USABLE // W
-_PLANE = 2
-"""Count of the coordinates in the plane."""
 _NOW = ds.TIME // W
 """Count of the numbers of a point that are about now."""
 
@@ -143,15 +141,15 @@ def _start(anchor, at, stride, pose, sd):
 
 
 @inlined
-def _keep(workspace, at, table, to, size, whole, rows, begin, end):
+def _keep(t, at, table, to, size, whole, width, rows, begin, end):
     """Copy numbers back to a block: all lanes if `whole`, else those of rows[begin:end]."""
     if whole:
-        copy(workspace, at, table, to, size)
+        copy(t, at, table, to, size, width)
     else:
         for j in range(begin, end):
             lane = rows[j] % W
             for i in range(size):
-                table[to + i * W + lane] = workspace[at + i * W + lane]
+                table[to + i * W + lane] = t[at + i * W + lane]
 
 
 @kernel
@@ -183,7 +181,7 @@ def update(
         if sample[e] < -1:
             return NOT_RESET
     beyond = ~(np.uint64(0xFFFFFFFFFFFFFFFF) >> np.uint64(64 - max(s.ring, 1)))
-    status, t = OK, np.zeros((_WORKSPACE + s.robots * s.points) * W)
+    status, t = OK, workspace(_WORKSPACE + s.robots * s.points, s.width)
     begin = np.int64(0)  # else numba would compile for the number 0, and again for any
     while begin < rows.shape[0]:
         block, end = rows[begin] // W, begin + 1
@@ -238,22 +236,22 @@ def _sense(t, b, s, o, settings, gains, odometry, image, seen, samples, k, r, wh
         at = natural(2 * (e * s.robots + r))
         t[ds.GAIN_H + lane], t[ds.GAIN_ALPHA + lane] = gains[at], gains[at + 1]
     motion = s.motion + r * s.motion_size * W
-    copy(b, motion, t, an.OWN, s.motion_size)
+    copy(b, motion, t, an.OWN, s.motion_size, s.width)
     an.reckon(t, o.var_v, o.var_w, s.width)
-    _keep(t, an.OWN, b, motion, s.motion_size, whole, rows, begin, end)
+    _keep(t, an.OWN, b, motion, s.motion_size, whole, s.width, rows, begin, end)
     for m in range(s.points):
         point = r * s.points + m
-        copy(b, s.guess + point * W, t, ds.GUESS, 1)
+        copy(b, s.guess + point * W, t, ds.GUESS, 1, s.width)
         for j in range(begin, end):
             e, lane = natural(rows[j]), natural(rows[j]) % W
             at = natural(((e * samples + k) * s.robots + r) * s.points + m)
             t[ds.SEEN + lane] = 1.0 if seen[at] else 0.0
             t[ds.SEEN_X + lane], t[ds.SEEN_Y + lane] = image[2 * at], image[2 * at + 1]
         place = s.depth + point * ds.SIZE * W
-        copy(b, place, t, ds.KNOWN, ds.SIZE)
+        copy(b, place, t, ds.KNOWN, ds.SIZE, s.width)
         ds.observe(t, settings, r, s.width)
         _mark(t, _USABLE + point * W, s.use_unseen != 0, s.width)
-        _keep(t, ds.KNOWN, b, place, ds.SIZE, whole, rows, begin, end)
+        _keep(t, ds.KNOWN, b, place, ds.SIZE, whole, s.width, rows, begin, end)
 
 
 @inner
@@ -269,10 +267,8 @@ def _point(t, to, b, s, r, m):
     """Point m as robot r knows it, to the workspace."""
     point = r * s.points + m
     place = s.depth + point * ds.SIZE * W
-    copy(b, place + ds.Q_X, t, to, _PLANE)
-    copy(b, place + ds.COVARIANCE, t, to + 2 * W, _PLANE)
-    copy(b, place + ds.COVARIANCE + 3 * W, t, to + 4 * W, 1)
-    copy(t, _USABLE + point * W, t, to + 5 * W, 1)
+    copy(b, place + ds.Q_X, t, to, an.POINT - 1, s.width)
+    copy(t, _USABLE + point * W, t, to + an.USABLE, 1, s.width)
 
 
 @inner
@@ -286,10 +282,10 @@ def _listen(t, b, s, o, arrived, received, samples, k, p, pairs, whole, rows, be
         t[an.HEARD + e % W] = 1.0 if heard else 0.0
         everyone &= heard != 0
     place = s.anchor + p * s.anchor_size * W
-    copy(b, place, t, an.BASE, s.anchor_size)
-    copy(b, s.motion + first * s.motion_size * W, t, an.OWN, s.motion_size)
-    copy(b, s.motion + second * s.motion_size * W, t, an.OTHER, s.motion_size)
-    copy(b, s.clock, t, an.NOW, an.CLOCK)
+    copy(b, place, t, an.BASE, s.anchor_size, s.width)
+    copy(b, s.motion + first * s.motion_size * W, t, an.OWN, s.motion_size, s.width)
+    copy(b, s.motion + second * s.motion_size * W, t, an.OTHER, s.motion_size, s.width)
+    copy(b, s.clock, t, an.NOW, an.CLOCK, s.width)
     if everyone:
         pf.move_anchors(t, o, s.width)
     else:
@@ -299,7 +295,7 @@ def _listen(t, b, s, o, arrived, received, samples, k, p, pairs, whole, rows, be
         _point(t, an.OWN_POINT, b, s, first, m)
         _point(t, an.OTHER_POINT, b, s, second, m)
         pf.take_points(t, o, s.width)
-    _keep(t, an.BASE, b, place, s.anchor_size, whole, rows, begin, end)
+    _keep(t, an.BASE, b, place, s.anchor_size, whole, s.width, rows, begin, end)
 
 
 @inner
@@ -326,10 +322,10 @@ def _remember(t, b, s, ring, e, row):
             ring.motion[e, row, r, i] = b[s.motion + (r * s.motion_size + i) * W + lane]
         for m in range(s.points):
             place = s.depth + (r * s.points + m) * ds.SIZE * W + lane
-            point, covariance = ring.point[e, row, r, m], place + ds.COVARIANCE
-            point[0], point[1] = b[place + ds.Q_X], b[place + ds.Q_Y]
-            point[2], point[3], point[4] = b[covariance], b[covariance + W], b[covariance + 3 * W]
-            point[5] = t[_USABLE + (r * s.points + m) * W + lane]
+            point = ring.point[e, row, r, m]
+            for i in range(an.POINT - 1):
+                point[i] = b[place + ds.Q_X + i * W]
+            point[an.POINT - 1] = t[_USABLE + (r * s.points + m) * W + lane]
 
 
 @kernel
@@ -338,7 +334,8 @@ def show(
     e_points, e_points_covariance, e_known, e_pose, e_pose_covariance, rows,
 ):  # fmt: skip
     """Write the estimate of the environments `rows` (in range); arguments as for `update`."""
-    t, s, o = np.zeros(_WORKSPACE * W), _shape(shape), an.filter_options(options)
+    s, o = _shape(shape), an.filter_options(options)
+    t = workspace(_WORKSPACE, s.width)
     for j in range(rows.shape[0]):
         b = table[rows[j] // W]
         _show_points(t, b, s, e_points, e_points_covariance, e_known, rows, j, j + 1)
@@ -353,7 +350,7 @@ def _show_points(t, b, s, points, covariance, known, rows, begin, end):
     """Write the points of rows[begin:end], all of one block, in polar form."""
     for r in range(s.robots):
         for m in range(s.points):
-            copy(b, s.depth + (r * s.points + m) * ds.SIZE * W, t, ds.KNOWN, _NOW)
+            copy(b, s.depth + (r * s.points + m) * ds.SIZE * W, t, ds.KNOWN, _NOW, s.width)
             _polar(t, s.width)
             for j in range(begin, end):
                 i, point = natural(rows[j]) % W, natural((rows[j] * s.robots + r) * s.points + m)
@@ -377,9 +374,9 @@ def _show_three(t, i, which, mean, c):
 def _show_poses(t, b, s, o, pairs, sample, received, pose, covariance, rows, begin, end):
     """Write the poses of rows[begin:end], all of one block, at their last sample."""
     for p in range(s.pairs):
-        copy(b, s.anchor + p * s.anchor_size * W, t, an.BASE, s.anchor_size)
-        copy(b, s.motion + pairs[p, 0] * s.motion_size * W, t, an.OWN, s.motion_size)
-        copy(b, s.clock, t, an.NOW, an.CLOCK)
+        copy(b, s.anchor + p * s.anchor_size * W, t, an.BASE, s.anchor_size, s.width)
+        copy(b, s.motion + pairs[p, 0] * s.motion_size * W, t, an.OWN, s.motion_size, s.width)
+        copy(b, s.clock, t, an.NOW, an.CLOCK, s.width)
         for j in range(begin, end):
             e = natural(rows[j])
             pair, place = natural(e * s.pairs + p), an.BASE

@@ -25,14 +25,16 @@ from numpy.typing import NDArray
 
 from relloc_env.kernels._compile import inlined
 
-W = 8
+W = 32
 """Environments in a block."""
+VECTOR = 4
+"""Numbers of a vector."""
 _POSITIVE = np.int64(0x7FFFFFFFFFFFFFFF)
 
 
 def width_of(num_envs: int) -> int:
-    """Lanes to work on in a batch of so many environments: all, or those of the first vector for a few."""
-    return W if num_envs > W // 2 else W // 2
+    """Lanes to work on in a batch of so many environments: all, or those of the first vectors for a few."""
+    return min(W, VECTOR * -(-num_envs // VECTOR))
 
 
 def blocks(num_envs: int, size: int) -> NDArray[np.float64]:
@@ -63,8 +65,27 @@ def natural(number):
 
 
 @inlined
-def copy(source, at, target, to, size):
-    """Copy `size` numbers of all lanes, from place `at` of `source` to place `to` of `target`."""
-    source_at, target_at = np.uint64(at), np.uint64(to)  # places without a sign need no test for one
-    for i in range(np.uint64(size * W)):
-        target[target_at + i] = source[source_at + i]
+def workspace(size, width):
+    """Zeros for `size` numbers of the lanes that are worked on."""
+    t = np.empty(size * W)
+    if width == VECTOR:
+        for k in range(size):
+            for i in range(VECTOR):
+                t[natural(k * W) + i] = 0.0
+    else:
+        for i in range(size * W):
+            t[i] = 0.0
+    return t
+
+
+@inlined
+def copy(source, at, target, to, size, width):
+    """Copy `size` numbers, from place `at` of `source` to place `to` of `target`: all lanes, or those of one vector."""
+    source_at, target_at = natural(at), natural(to)
+    if width == VECTOR:
+        for k in range(size):
+            for i in range(VECTOR):
+                target[target_at + natural(k * W) + i] = source[source_at + natural(k * W) + i]
+    else:
+        for i in range(size * W):
+            target[target_at + i] = source[source_at + i]

@@ -29,7 +29,7 @@ class Ring(NamedTuple):
     clock: np.ndarray
     """(N, L, 2) the clock."""
     point: np.ndarray
-    """(N, L, R, M, 6) the points."""
+    """(N, L, R, M, 8) the points."""
     anchor: np.ndarray
     """(N, P, L + 1, 38) anchors; the last is the one before the ring."""
 
@@ -66,6 +66,8 @@ def take_points(t, options, width):
     else:
         for i in range(width):
             an.take_point(t, i, o)
+    for i in range(width):
+        an.accept(t, i)
 
 
 @inner
@@ -144,6 +146,7 @@ def listen(t, i, ring, e, p, a, b, sample, arrived, got, options):
                 _load(t, i + an.OWN_POINT, ring.point[e, row, a, m])
                 _load(t, i + an.OTHER_POINT, ring.point[e, row, b, m])
                 an.take_point(t, i, options)
+                an.accept(t, i)
             _store(t, i + an.BASE, anchors[row])
     return got
 

@@ -12,7 +12,16 @@ from relloc_env.kernels._compile import inlined, inner
 from relloc_env.kernels.camera import crosses_box, crosses_disc, view
 from relloc_env.kernels.elementary import sin_cos
 from relloc_env.kernels.lanes import W, natural
-from relloc_env.kernels.streams import IMAGE, NETWORK, ODOMETRY, fill_normals, fill_uniforms, stream_of, uniform
+from relloc_env.kernels.streams import (
+    IMAGE,
+    NETWORK,
+    ODOMETRY,
+    fill_pairs,
+    fill_uniforms,
+    make_normal,
+    stream_of,
+    uniform,
+)
 from relloc_env.kernels.world import DISC
 
 VISIBLE, MEASURED, X, Y = 0 * W, 1 * W, 2 * W, 3 * W
@@ -206,11 +215,15 @@ def draw(t, live, streams, rows, begin, lanes, sights, targets, params, count):
         if live[lane]:
             n = rows[begin + lane]
             if params.image_noise:
-                fill_normals(streams, n, IMAGE, t, sights + NOISE + lane, SIGHT * W, count * targets)
+                fill_pairs(streams, n, IMAGE, t, sights + NOISE + lane, SIGHT * W, count * targets)
             if params.misses:
                 fill_uniforms(streams, n, IMAGE, t, sights + CHANCE + lane, SIGHT * W, count * targets)
             if params.odometry_noise:
-                fill_normals(streams, n, ODOMETRY, t, dr.NOISE + lane, dr.ROBOT * W, count)
+                fill_pairs(streams, n, ODOMETRY, t, dr.NOISE + lane, dr.ROBOT * W, count)
+    if params.image_noise:
+        make_normal(t, sights + NOISE, SIGHT * W, count * targets, params.width)
+    if params.odometry_noise:
+        make_normal(t, dr.NOISE, dr.ROBOT * W, count, params.width)
 
 
 @inlined

@@ -8,9 +8,9 @@ import numpy as np
 from relloc_env.kernels import driving as dr
 from relloc_env.kernels import sensing as se
 from relloc_env.kernels._compile import inner, kernel
-from relloc_env.kernels.lanes import W, natural
+from relloc_env.kernels.lanes import W, natural, workspace
 from relloc_env.kernels.placement import place
-from relloc_env.kernels.streams import ACTUATOR, SCENARIO, fill_normals
+from relloc_env.kernels.streams import ACTUATOR, SCENARIO, fill_pairs, make_normal
 from relloc_env.kernels.world import settle_contact
 
 
@@ -24,7 +24,8 @@ def begin(
     """Start new episodes and take their first sample; returns how many could not be placed. Arrays are N first."""
     params, count = params_[0], 0
     sights = (robots.shape[0] * dr.ROBOT + 3 * params.targets) * W
-    t, live = np.zeros(sights + robots.shape[0] * params.targets * se.SIGHT * W), np.ones(W, np.bool_)
+    t = workspace(sights // W + robots.shape[0] * params.targets * se.SIGHT, params.width)
+    live = np.ones(W, np.bool_)
     for j in range(rows.shape[0]):
         n = np.uint64(rows[j])  # an index without a sign needs no test whether it counts from the end
         if not place(
@@ -129,7 +130,7 @@ def advance(
     params, robot_count, waits = params_[0], robots.shape[0], 0
     targets, block = params.targets, params.samples_per_action
     sights = (robot_count * dr.ROBOT + 3 * targets) * W
-    t = np.zeros(sights + robot_count * targets * se.SIGHT * W)
+    t = workspace(sights // W + robot_count * targets * se.SIGHT, params.width)
     live = np.zeros(W, np.bool_)
     for begin in range(0, rows.shape[0], W):
         lanes = min(W, rows.shape[0] - begin)
@@ -145,7 +146,8 @@ def advance(
                     for lane in range(lanes):
                         if live[lane]:
                             n = rows[begin + lane]
-                            fill_normals(streams, n, ACTUATOR, t, dr.NOISE + lane, dr.ROBOT * W, robot_count)
+                            fill_pairs(streams, n, ACTUATOR, t, dr.NOISE + lane, dr.ROBOT * W, robot_count)
+                    make_normal(t, dr.NOISE, dr.ROBOT * W, robot_count, params.width)
                 dr.drive(t, robot_count * dr.ROBOT * W, targets, params, robots, obstacles, params.width)
                 for lane in range(lanes):
                     if live[lane] and _touches(t, lane, robot_count):

@@ -44,10 +44,14 @@ def test_what_was_gathered_is_a_copy_and_goes_back_to_its_rows_alone() -> None:
     np.testing.assert_array_equal(lanes.gather(table, others), lanes.gather(before, others))
 
 
-def test_copy_takes_whole_numbers_of_all_lanes() -> None:
+def test_copy_takes_whole_numbers_of_all_lanes_or_of_one_vector() -> None:
     source, target = np.arange(4.0 * W), np.zeros(4 * W)
-    lanes.copy(source, W, target, 2 * W, 2)
+    lanes.copy(source, W, target, 2 * W, 2, W)
     np.testing.assert_array_equal(target, [*np.zeros(2 * W), *source[W : 3 * W]])
+    target[:] = 0.0
+    lanes.copy(source, W, target, 2 * W, 2, lanes.VECTOR)
+    expected = np.where(np.arange(W) < lanes.VECTOR, source[W : 3 * W].reshape(2, W), 0.0)
+    np.testing.assert_array_equal(target.reshape(4, W), [*np.zeros((2, W)), *expected])
 
 
 COUNT, STEPS = 8 * W, 200
