@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 from relloc_env.config import ConfigError, hint
 from relloc_env.ends import mean_terms
-from relloc_env.rewards import TERMS
+from relloc_env.kernels.world import World
+from relloc_env.rewards import TERMS, Score
 from relloc_env.samples import Bool, Rows, Sharing
 
 if TYPE_CHECKING:
@@ -78,8 +79,8 @@ class Information(Sharing):
         if n not in self._lines:
             world, score = self._world, self._score
             self._lines[n] = (
-                world._make(_line(array, n) for array in world),
-                score._make(_line(array, n) for array in score),
+                World(*(_line(array, n) for array in world)),
+                Score(*(_line(array, n) for array in score)),
             )
         info = self._common(*self._lines[n], np.ndarray.copy, np.ndarray.item)
         if new and self._with_prior:

@@ -237,7 +237,7 @@ class Onboard(Sharing):
 
     def _share(self) -> None:
         """Memory as kernels are given it."""
-        self._flat = (*flat(self.memory), self._window)
+        self._flat: tuple[Any, ...] = (*flat(self.memory), self._window)
 
     def reset(self, prior: Prior, first: Samples, rows: Rows) -> None:
         """Start episodes from what the robots are told and their first sample."""

@@ -79,9 +79,15 @@ class Cascade(Sharing):
 
     def _share(self) -> None:
         """What kernels are given, flat."""
-        self._remembered = (self._sizes, self._sample, self._table, self._received.reshape(-1), self._ring)
+        self._remembered: tuple[Any, ...] = (
+            self._sizes,
+            self._sample,
+            self._table,
+            self._received.reshape(-1),
+            self._ring,
+        )
         self._shown = flat(self._estimate)
-        self._updated = (
+        self._updated: tuple[Any, ...] = (
             self._pairs, self._options, self._settings, self._gains.reshape(-1), *self._remembered, *self._shown,
         )  # fmt: skip
         self._checked: Samples | None = None

@@ -7,6 +7,7 @@ from scipy import stats
 
 from relloc_env.kernels import streams
 from relloc_env.kernels._compile import kernel
+from relloc_env.kernels.lanes import W
 
 MASK = 2**64 - 1
 DRAWS = 1_000_000
@@ -28,6 +29,18 @@ def _draw_uniform(stream, out):
 def _draw_integer(stream, n, out):
     for i in range(out.size):
         out[i] = streams.integer(stream, n)
+
+
+@kernel
+def _draw_pairs(state, lanes, steps, out):
+    """Standard normals of the environments `lanes`, side by side, a pair of each at every step."""
+    t = np.zeros(2 * W)
+    for k in range(steps):
+        for n in range(lanes):
+            streams.fill_pairs(state, n, streams.IMAGE, t, n, W, 1)
+        streams.make_normal(t, 0, 2 * W, 1, W)
+        for n in range(lanes):
+            out[n, 2 * k], out[n, 2 * k + 1] = t[n], t[n + W]
 
 
 def _stream(seed: int, purpose: int = streams.SCENARIO) -> NDArray[np.uint64]:
@@ -129,6 +142,31 @@ def test_normal(seed: int) -> None:
         assert np.mean(draws**power) == pytest.approx(moment, abs=4.0 * spread)
     cells = np.minimum((stats.norm.cdf(draws) * 1000).astype(int), 999)
     assert stats.chisquare(np.bincount(cells, minlength=1000)).pvalue > 1e-3
+
+
+def test_normals_in_lanes() -> None:
+    """10^6 draws: Kolmogorov-Smirnov of numbers, radii and angles, no correlation; the same alone; the first by NumPy."""
+    lanes, steps = 8, DRAWS // 16
+    state = np.zeros((lanes, streams.PURPOSES, 2), dtype=np.uint64)
+    streams.seed_streams(state, np.arange(lanes), np.arange(lanes, dtype=np.uint64))
+    alone = state[3:4].copy()
+    draws, single = np.zeros((lanes, 2 * steps)), np.zeros((1, 200))
+    _draw_pairs(state.reshape(-1), lanes, steps, draws)
+    _draw_pairs(alone.reshape(-1), 1, 100, single)
+    np.testing.assert_array_equal(single[0], draws[3, :200])
+    assert stats.kstest(draws.ravel(), "norm").pvalue > 1e-3
+    x, y = draws[:, ::2].ravel(), draws[:, 1::2].ravel()
+    assert stats.kstest(x * x + y * y, "expon", args=(0.0, 2.0)).pvalue > 1e-3
+    assert stats.kstest(np.arctan2(y, x), "uniform", args=(-np.pi, 2.0 * np.pi)).pvalue > 1e-3
+    for a, b in ((x, y), (x[1:], x[:-1]), (draws[0], draws[1])):
+        assert abs(np.corrcoef(a, b)[0, 1]) < 4.0 / np.sqrt(len(a))
+    uniform = state[:1].copy()
+    streams.seed_streams(uniform, np.zeros(1, np.int64), np.zeros(1, np.uint64))
+    u, v = (streams.uniform(uniform[0, streams.IMAGE]) for _ in range(2))
+    radius = np.sqrt(-2.0 * np.log(1.0 - u))
+    np.testing.assert_allclose(
+        draws[0, :2], radius * np.array([np.cos(2 * np.pi * v), np.sin(2 * np.pi * v)]), rtol=1e-12
+    )
 
 
 def test_normal_tail() -> None:
