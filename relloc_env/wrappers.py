@@ -106,13 +106,13 @@ class EstimateObservation(gym.Wrapper[Any, Any, Any, Any]):
     def _show(self, observation: Float32, *, started: bool) -> Float32:
         """The composed observation: the bare one's fields as they are, and the estimator's."""
         robots = self._config.robots
-        none, zero = np.zeros((1, robots), np.bool_), np.zeros((1, robots), np.int64)
-        onboard, estimate, memory = self._onboard, self._onboard.estimate, self._onboard.memory
-        observe(
-            self._lines, *self._samples, estimate.pose, estimate.pose_covariance,
-            memory.tick, memory.outbox, memory.inbox, memory.inbox_tick, none, zero, onboard.pairs,
-            np.zeros((1, robots, 2)), np.array([0 if started else 1]), self._limits, _ROW, False, width_of(1),
+        estimate = self._onboard.estimate
+        shown = (
+            self._lines, *self._samples, estimate.pose, estimate.pose_covariance, *self._onboard.messages,
+            np.zeros(robots, np.bool_), np.zeros(robots, np.int64), np.zeros(2 * robots),
+            np.array([0 if started else 1]), self._onboard.pairs, self._limits, _ROW, False, width_of(1),
         )  # fmt: skip
+        observe(*shown)
         bare = observation.reshape(robots, -1)
         for name in self._common:
             self._lines[0, :, self._full[name]] = bare[:, self._bare[name]]

@@ -133,7 +133,7 @@ class Core(Sharing):
     def _share(self) -> None:
         """Put together once what kernels are given at every step: live arrays."""
         simulation, world, score = self.simulation, self.simulation.world, self.score
-        estimate, memory = self.onboard.estimate, self.onboard.memory
+        estimate = self.onboard.estimate
         self._bound = score[:BOUND_FIELDS]
         self._sight = (world.pose, world.points, simulation.truth.pose, simulation.truth.visible)
         self._first_sight = (world.pose, world.points, simulation.first_truth.pose, simulation.first_truth.visible)
@@ -151,7 +151,7 @@ class Core(Sharing):
         self._scored_by = (self._weights, self._ends, simulation.parameters, simulation.pairs)
         self._observed = (
             *simulation.samples, estimate.pose, estimate.pose_covariance,
-            *flat((memory.tick, memory.outbox, memory.inbox, memory.inbox_tick)), self.config.message_window,
+            *self.onboard.messages,
             *flat((world.collided, world.blocked, self.last_action, self.elapsed)), simulation.pairs, self._limits,
         )  # fmt: skip
 

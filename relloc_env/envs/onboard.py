@@ -207,6 +207,7 @@ class Onboard(Sharing):
         estimator: None for the bare environment.
         estimate: what it believes, live arrays; nothing is known where there is no estimator.
         memory: dead reckoning and messages, live arrays.
+        messages: fields of `memory` from `tick` on, flat, and the length of the window: what `observe` reads.
     """
 
     def __init__(self, config: EnvConfig, num_envs: int, estimator: Estimator | None = None) -> None:
@@ -237,14 +238,16 @@ class Onboard(Sharing):
 
     def _share(self) -> None:
         """Memory as kernels are given it."""
-        self._flat: tuple[Any, ...] = (*flat(self.memory), self._window)
+        reckoned, *messages = flat(self.memory)
+        self.messages: Any = (*messages, self._window)
+        self._flat: Any = (reckoned, *self.messages)
 
     def reset(self, prior: Prior, first: Samples, rows: Rows) -> None:
         """Start episodes from what the robots are told and their first sample."""
         if self.estimator is not None:
             self.estimator.reset(prior, rows)
             self.estimator.update(first, rows)
-        _tell(*self._flat, *first, *self._told, rows, True, self.bare, self._width)
+        _tell(*(*self._flat, *first, *self._told, rows, True, self.bare, self._width))
 
     def update(self, samples: Samples, rows: Rows) -> None:
         """Take in the samples of an action.
@@ -261,7 +264,7 @@ class Onboard(Sharing):
     def _take(self, samples: Samples, rows: Rows) -> None:
         if self.estimator is not None:
             self.estimator.update(samples, rows)
-        _tell(*self._flat, *samples, *self._told, rows, False, self.bare, self._width)
+        _tell(*(*self._flat, *samples, *self._told, rows, False, self.bare, self._width))
 
     def get_state(self, rows: Rows) -> dict[str, Any]:
         """Copies of everything that is remembered of the environments `rows`."""

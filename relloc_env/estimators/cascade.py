@@ -79,19 +79,19 @@ class Cascade(Sharing):
 
     def _share(self) -> None:
         """What kernels are given, flat."""
-        self._remembered: tuple[Any, ...] = (
+        self._remembered: Any = (
             self._sizes,
             self._sample,
             self._table,
             self._received.reshape(-1),
             self._ring,
         )
-        self._shown = flat(self._estimate)
-        self._updated: tuple[Any, ...] = (
+        self._shown: Any = flat(self._estimate)
+        self._updated: Any = (
             self._pairs, self._options, self._settings, self._gains.reshape(-1), *self._remembered, *self._shown,
         )  # fmt: skip
         self._checked: Samples | None = None
-        self._flat: tuple[Any, ...] = ()
+        self._flat: Any = ()
 
     @property
     def gains(self) -> Float:
@@ -106,7 +106,8 @@ class Cascade(Sharing):
     def reset(self, prior: Prior, rows: Rows) -> None:
         """Forget everything about the environments `rows`, gains apart, and start from `prior`."""
         check_prior(prior, *self._estimate.known.shape)
-        status = kernels.reset(prior.depth, prior.pose, float(prior.depth_sd), prior.pose_sd, *self._remembered, rows)
+        told = (prior.depth, prior.pose, float(prior.depth_sd), prior.pose_sd)
+        status = kernels.reset(*(*told, *self._remembered, rows))
         if status:
             self._raise(status)
         self._show(rows)
@@ -116,7 +117,7 @@ class Cascade(Sharing):
         if samples is not self._checked:
             check_samples(samples, *self._estimate.known.shape)
             self._checked, self._flat = samples, (*flat(samples), samples.period.shape[1])
-        status = kernels.update(*self._flat, *self._updated, rows)
+        status = kernels.update(*(*self._flat, *self._updated, rows))
         if status:
             self._raise(status)
 
@@ -146,7 +147,7 @@ class Cascade(Sharing):
         return arrays if self._ring is None else arrays | self._ring._asdict()
 
     def _show(self, rows: Rows) -> None:
-        kernels.show(self._pairs, self._options, *self._remembered, *self._shown, rows)
+        kernels.show(*(self._pairs, self._options, *self._remembered, *self._shown, rows))
 
     def _raise(self, status: int) -> None:
         if status == kernels.ROW_OUT_OF_RANGE:

@@ -145,7 +145,7 @@ def test_normal(seed: int) -> None:
 
 
 def test_normals_in_lanes() -> None:
-    """10^6 draws: Kolmogorov-Smirnov of numbers, radii and angles, no correlation; the same alone; the first by NumPy."""
+    """10^6 draws: Kolmogorov-Smirnov of numbers, radii, angles; no correlation; the same alone; the first by NumPy."""
     lanes, steps = 8, DRAWS // 16
     state = np.zeros((lanes, streams.PURPOSES, 2), dtype=np.uint64)
     streams.seed_streams(state, np.arange(lanes), np.arange(lanes, dtype=np.uint64))
