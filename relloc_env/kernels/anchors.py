@@ -19,7 +19,7 @@ from relloc_env.kernels.motion import arc
 MOTION, CLOCK, ANCHOR, POINT = 14, 2, 38, 8
 """Numbers of a motion; of the clock: time [s] and samples since the start over which time passed; of an anchor; and
 of a point: the first seven from `depth_state.Q_X` on, and whether it may be used."""
-_P_X, _P_Y, _P_XX, _P_XY, _P_YY, USABLE = 0 * W, 1 * W, 3 * W, 4 * W, 6 * W, 7 * W
+P_X, P_Y, P_XX, P_XY, P_YY, USABLE = 0 * W, 1 * W, 3 * W, 4 * W, 6 * W, 7 * W
 """Of a point: q_x, q_y in the plane of the body, their covariance, 1 where it may be used."""
 PLAIN_MOTION, PLAIN_ANCHOR = 8, 26
 """Those that are kept where the covariance of dead reckoning, which comes last, is not used."""
@@ -249,14 +249,14 @@ def take_point(t, i, options):
     cos, sin, w_a = t[a + _COS], t[a + _SIN], t[own + _YAW_RATE]
     old = ds.six(t, a + 3 * W)
     y_0, y_1, h_0x, h_0y, h_0t, h_1x, h_1y, h_1t = rp.observe(
-        options.model, t[a], t[a + W], cos, sin, t[p + _P_X], t[p + _P_Y], t[q + _P_X], t[q + _P_Y],
+        options.model, t[a], t[a + W], cos, sin, t[p + P_X], t[p + P_Y], t[q + P_X], t[q + P_Y],
         t[own + _V], t[own + _LATERAL], w_a, t[other + _V], t[other + _LATERAL],
     )  # fmt: skip
     n_xx, n_xy, n_yy = options.variance, 0.0, options.variance
     if options.from_depth:
         n_xx, n_xy, n_yy = rp.observe_covariance(
-            options.model, cos, sin, w_a, t[p + _P_XX], t[p + _P_XY], t[p + _P_YY],
-            t[q + _P_XX], t[q + _P_XY], t[q + _P_YY], options.variance,
+            options.model, cos, sin, w_a, t[p + P_XX], t[p + P_XY], t[p + P_YY],
+            t[q + P_XX], t[q + P_XY], t[q + P_YY], options.variance,
         )  # fmt: skip
     r_x, r_y, theta, pxx, pxy, pxt, pyy, pyt, ptt = rp.correct(
         t[a], t[a + W], t[a + 2 * W], old, y_0, y_1, h_0x, h_0y, h_0t, h_1x, h_1y, h_1t, n_xx, n_xy, n_yy

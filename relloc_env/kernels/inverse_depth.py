@@ -89,9 +89,9 @@ def take_samples(
                     state, covariance = filters.state[n, r, i], filters.covariance[n, r, i]
                     _to_plane(state, covariance, use_unseen or seen[n, k, r, i], ring.point[n, row, r, i])
             for p in range(pairs.shape[0]):
-                pf.listen(
+                filters.received[n, p] = pf.listen(
                     t, lane, ring, n, p, pairs[p, 0], pairs[p, 1], filters.sample[n], arrived[n, k, p],
-                    filters.received, o,
+                    filters.received[n, p], o,
                 )  # fmt: skip
         _show(t, lane, o, filters, ring, pairs, pose, pose_covariance, n)
     return True
@@ -143,7 +143,7 @@ def _to_plane(state, covariance, wanted, point):
     Args:
         state, covariance: (3,), (3, 3).
         wanted: whether it may be used for the pose, if it is known.
-        point: (6,) written: q_x, q_y, their covariance xx, xy, yy, and whether it may be used.
+        point: (8,) written as `anchors.POINT` says, without heights.
     """
     beta, rho = state[0], state[2]
     if not (wanted and rho > LEAST_INVERSE_RANGE):
@@ -152,18 +152,18 @@ def _to_plane(state, covariance, wanted, point):
         return
     x, y = math.cos(beta) / rho, math.sin(beta) / rho
     bb, br, rr = covariance[0, 0], covariance[0, 2] / rho, covariance[2, 2] / (rho * rho)
-    point[0], point[1] = x, y
-    point[2] = y * y * bb + 2.0 * x * y * br + x * x * rr
-    point[3] = -x * y * bb + (y * y - x * x) * br + x * y * rr
-    point[4] = x * x * bb - 2.0 * x * y * br + y * y * rr
-    point[5] = 1.0
+    point[an.P_X // W], point[an.P_Y // W] = x, y
+    point[an.P_XX // W] = y * y * bb + 2.0 * x * y * br + x * x * rr
+    point[an.P_XY // W] = -x * y * bb + (y * y - x * x) * br + x * y * rr
+    point[an.P_YY // W] = x * x * bb - 2.0 * x * y * br + y * y * rr
+    point[an.USABLE // W] = 1.0
 
 
 @inner
 def _show(t, lane, options, filters, ring, pairs, pose, pose_covariance, n):
     """Write the poses of an environment at its last sample."""
     for p in range(pairs.shape[0]):
-        pf.present(t, lane, ring, n, p, pairs[p, 0], pairs[p, 1], filters.sample[n], filters.received, options)
+        pf.present(t, lane, ring, n, p, pairs[p, 0], pairs[p, 1], filters.sample[n], filters.received[n, p], options)
         place = an.POSE + 3 * W
         for i in range(3):
             pose[n, p, i] = t[an.POSE + i * W]
