@@ -68,7 +68,7 @@ def configuration(name: str, row: Row) -> BuiltIn:
     scene = row.scene
     told: dict[str, Any] = {"image_noise": scene.image_noise, "odometry_noise": (scene.odometry_noise,) * 2}
     if name == "map-alignment":
-        told |= {"height_sd": scene.height, "scale_sd": (scene.scale,) * 2, **dict(row.options)}
+        told |= {"height_sd": scene.height, "scale_sd": (scene.scale,) * 2, "align_every": 1, **dict(row.options)}
     return PRESETS[name].model_copy(update=told)
 
 
