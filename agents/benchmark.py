@@ -4,13 +4,15 @@ A folder of results holds `benchmark.json`, what was asked for, and one `.npz` f
 A file is put in its place whole, once its episodes are over: what was stopped is done again, what is there is not.
 """
 
+import hashlib
 import json
 import os
 import time
 import zlib
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
+from functools import cache
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
@@ -18,6 +20,7 @@ from typing import Any
 import numpy as np
 
 import relloc_env
+from agents.learned import NORMALISATION, PREFIX
 from agents.playing import CURVES, SCORES, play, quartiles
 from agents.registry import agent, short
 from relloc_env.config import EnvConfig, load_config
@@ -31,9 +34,28 @@ ALIGN_EVERY = 20
 """[samples] between two alignments of `map-alignment` in the benchmark: one a second."""
 BATCH = 500
 """Most episodes side by side."""
+ABOUT = ("act_seconds", "knows_truth", "files")
+"""Fields of a result that are kept beside its job."""
 
 Tell = Callable[[str, float], None]
 """Called with what is being done, and the part of all the work that is done."""
+
+
+@cache
+def code_digest() -> str:
+    """Digest of the sources that results depend on: the package's and the agents'."""
+    roots = (Path(relloc_env.__file__).parent, Path(__file__).parent)
+    files = sorted(path for root in roots for path in root.rglob("*.py") if "report" not in path.parts)
+    return hashlib.sha256(b"".join(path.read_bytes() for path in files)).hexdigest()[:12]
+
+
+def file_digest(name: str) -> str:
+    """Digest of the files that an agent or estimator with a path is read from; nothing for one of the project's."""
+    place = name.removeprefix(PREFIX) if name.startswith(PREFIX) else name.rpartition(":")[0]
+    path = Path(place)
+    files = [path, path.with_name(NORMALISATION)] if name.startswith(PREFIX) else [path]
+    found = [each.read_bytes() for each in files if place and each.is_file()]
+    return hashlib.sha256(b"".join(found)).hexdigest()[:12] if found else ""
 
 
 @dataclass(frozen=True)
@@ -46,7 +68,8 @@ class Asked:
     estimators: tuple[str, ...]
     episodes: int
     seeds: str
-    version: str = relloc_env.__version__
+    version: str = field(default_factory=lambda: f"{relloc_env.__version__}+{code_digest()}")
+    """Of the code that made the results."""
 
     def check(self) -> None:
         """Raise ValueError for a name that is none."""
@@ -78,6 +101,16 @@ class Job:
     estimator: str
     episodes: int
     seeds: str
+
+    @property
+    def files(self) -> str:
+        """Digest of the files that its agent and estimator are read from; nothing where these are the project's."""
+        return file_digest(self.agent) + file_digest(self.estimator)
+
+    def done(self, folder: Path) -> bool:
+        """Whether its results are in a folder, of the agent and estimator as they are now."""
+        path = folder / self.file
+        return path.exists() and (not self.files or Result.load(path).files == self.files)
 
     @property
     def file(self) -> str:
@@ -117,13 +150,17 @@ class Result:
     """[m] (K, M, 3)"""
     act_seconds: float
     """[s] that the agent takes for an action of one environment, in the batch."""
+    knows_truth: bool
+    """Whether the agent was shown the truth."""
+    files: str
+    """`file_digest` of the agent and of the estimator."""
 
     def save(self, folder: Path) -> None:
         """Write the file of the job, whole or not at all."""
         arrays: dict[str, Any] = {f"score/{name}": value for name, value in self.scores.items()}
         arrays |= {f"curve/{name}": value.astype(np.float32) for name, value in self.curves.items()}
         arrays |= {"time": self.time, "ways": self.ways.astype(np.float32), "points": self.points}
-        arrays["job"] = json.dumps(asdict(self.job) | {"act_seconds": self.act_seconds})
+        arrays["job"] = json.dumps(asdict(self.job) | {name: getattr(self, name) for name in ABOUT})
         partial = folder / f".{self.job.file}.{os.getpid()}"
         with partial.open("wb") as file:
             np.savez_compressed(file, **arrays)
@@ -136,7 +173,7 @@ class Result:
         """Read what `save` wrote."""
         with np.load(path) as data:
             about = json.loads(str(data["job"]))
-            seconds = about.pop("act_seconds")
+            rest = {name: about.pop(name) for name in ABOUT}
             return cls(
                 job=Job(**about),
                 scores={name: data[f"score/{name}"] for name in SCORES},
@@ -144,7 +181,7 @@ class Result:
                 curves={name: data[f"curve/{name}"].astype(np.float64) for name in CURVES},
                 ways=data["ways"].astype(np.float64),
                 points=data["points"],
-                act_seconds=seconds,
+                **rest,
             )
 
 
@@ -209,6 +246,8 @@ def run(job: Job, threads: int | None = 1) -> Result:
         ways=kept[0],
         points=kept[1],
         act_seconds=spent / max(1, actions),
+        knows_truth=any(clock.knows_truth for clock in clocks),
+        files=job.files,
     )
 
 
@@ -222,13 +261,13 @@ def benchmark(asked: Asked, out: Path, *, cores: int | None = None, tell: Tell =
     out.mkdir(parents=True, exist_ok=True)
     _claim(asked, out)
     jobs = list(asked.jobs())
-    ahead = [job for job in jobs if not (out / job.file).exists()]
+    ahead = [job for job in jobs if not job.done(out)]
     done = len(jobs) - len(ahead)
     tell("", done / len(jobs))
     workers = max(1, min(cores or os.cpu_count() or 1, len(ahead)))
     if workers == 1:
         for job in ahead:
-            run(job, None).save(out)
+            run(job, cores).save(out)
             done += 1
             tell(_title(job), done / len(jobs))
     else:

@@ -79,5 +79,7 @@ def _statistics(path: Path) -> tuple[Any, Any, float]:
 
     with path.open("rb") as file:
         normaliser = pickle.load(file)  # noqa: S301 - said in the docs, and by the warning above
+    if not normaliser.norm_obs:
+        return 0.0, 1.0, np.inf
     seen = normaliser.obs_rms
     return seen.mean, np.sqrt(seen.var + normaliser.epsilon), float(normaliser.clip_obs)

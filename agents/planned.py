@@ -122,7 +122,9 @@ class OpenLoop:
 
     def reset(self, n: int, seed: int) -> None:
         """Make ready for n episodes."""
-        self._n, self._seed, self._at = n, seed, 0
+        self._n, self._seed, self._at = n, seed, -1
+        self._actions: Float = np.zeros((n, 0, self._task.robots, 2))
+        self.value: Float = np.zeros(n)
 
     def see(self, poses: Float, points: Float) -> None:
         """Take in the truth at the start of all episodes: [m, m, rad] (N, R, 3), [m] (N, M, 3); then search."""
@@ -166,10 +168,17 @@ class OpenLoop:
             value = np.where(better, found[rows, best], value)
             added = np.einsum("tk,nkrd->ntrd", basis, change[rows, best])
             actions = np.where(better[:, None, None, None], np.clip(actions + added, -1.0, 1.0), actions)
+        self.value = value
         return actions
 
     def act(self, observations: Float32) -> Float:  # noqa: ARG002 - that is what open loop means
-        """The next action of each sequence."""
+        """The next action of each sequence; the episodes run side by side.
+
+        Raises:
+            RuntimeError: where the truth was not shown, or the episodes are over.
+        """
+        if not 0 <= self._at < self._actions.shape[1]:
+            raise RuntimeError("`see` must be called at the start of the episodes, and again for the next ones")
         chosen: Float = self._actions[:, self._at]
         self._at += 1
         return chosen.copy()

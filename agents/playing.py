@@ -19,6 +19,8 @@ POSE = (0.05, 1.5)
 """[m, deg] at which a pose counts as found."""
 AFTER = 10.0
 """[s] when the information is looked at on the way."""
+BROKEN = 1e3
+"""[m; of the range] greatest error: that of an estimate which is not a number."""
 LATE = "time_"
 """How the names of scores begin that are infinite where something never happened."""
 
@@ -77,9 +79,7 @@ def play(
         `SCORES` of each episode, (N,) each; and what was there over time: `time` [s] (T,), `CURVES` (N, T), `ways` of
         the first episodes [m, m, rad] (`KEPT`, T, R, 3) and their `points` [m] (`KEPT`, M, 3).
     """
-    config = EnvConfig.model_validate(
-        {**config.to_dict(), "bound": True, "terminate_on_collision": False, "terminate_on_success": False}
-    )
+    config = config.model_copy(update={"bound": True, "terminate_on_collision": False, "terminate_on_success": False})
     env = RellocVectorEnv(
         len(seeds), config, autoreset_mode="Disabled", info=(), copy=False, threads=threads
     )  # fmt: skip
@@ -111,12 +111,13 @@ class _Record:
 
     def add(self) -> None:
         core = self._core
-        world, score, estimate = core.simulation.world, core.score, core.onboard.estimate
+        world, score = core.simulation.world, core.score
         distance = np.linalg.norm(world.points[:, None, :, :2] - world.pose[:, :, None, :2], axis=-1)
         bound = bound_range_sd(score.bound, world.pose, world.points) / distance
-        share = np.minimum(np.abs(score.depth_error) / distance, 1e3)
+        share = np.abs(score.depth_error) / distance
+        share = np.where(share < BROKEN, share, BROKEN)
         n, pair = len(distance), core.config.robots > 1
-        error = pose_errors(estimate, world.pose)[:, 0] if pair else np.full((n, 3), np.nan)
+        error = self._pose_error() if pair else np.full((n, 3), np.nan)
         now = {
             "information": score.pose_information if pair else score.depth_information[:, 0],
             "depth_bound": bound.max(axis=(1, 2)),
@@ -138,6 +139,12 @@ class _Record:
             self._path += np.linalg.norm(world.pose[..., :2] - self._last, axis=-1).mean(axis=1)
         self._last = world.pose[..., :2].copy()
 
+    def _pose_error(self) -> Float:
+        """Errors of B's pose in {A}, (N, 3); `BROKEN` where the estimate is not a number."""
+        core = self._core
+        error = pose_errors(core.onboard.estimate, core.simulation.world.pose)[:, 0]
+        return np.where(np.isfinite(error).all(axis=1, keepdims=True), error, (BROKEN, BROKEN, math.pi))
+
     def curves(self) -> dict[str, Float]:
         """See `play`."""
         over: dict[str, Float] = {name: np.stack(self._kept[name], axis=1) for name in (*CURVES, "ways")}
@@ -153,7 +160,7 @@ class _Record:
         time = self._time
         over = {name: np.stack(values, axis=1) for name, values in self._kept.items() if name != "ways"}
         core, pair = self._core, self._core.config.robots > 1
-        world, score, estimate = core.simulation.world, core.score, core.onboard.estimate
+        score, estimate = core.score, core.onboard.estimate
         length = time[-1]
         none = np.full(len(over["seen"]), np.nan)
         j = over["information"]
@@ -172,11 +179,9 @@ class _Record:
             "blocked": over["blocked"][:, 1:].mean(axis=1),
         }
         if pair:
-            error = pose_errors(estimate, world.pose)[:, 0]
+            error = self._pose_error()
             bound_at, error_at = (
-                np.maximum(
-                    first(time, over[f"position_{kind}"], POSE[0]), first(time, over[f"heading_{kind}"], POSE[1])
-                )
+                first(time, np.maximum(over[f"position_{kind}"] / POSE[0], over[f"heading_{kind}"] / POSE[1]), 1.0)
                 for first, kind in ((first_crossing, "bound"), (convergence_time, "error"))
             )
             scores |= {

@@ -79,11 +79,6 @@ def short(name: str) -> str:
     return name.rpartition(":")[2].rpartition("/")[2]
 
 
-def knows_truth(name: str) -> bool:
-    """Whether an agent of these groups is shown the truth."""
-    return any(getattr(agents.get(name), "knows_truth", False) for agents in GROUPS.values())
-
-
 def make(name: str, task: Task) -> Policy:
     """Build the agent of this name, see `agent`."""
     return agent(name)(task)

@@ -54,12 +54,14 @@ class Episode:
             success: [m, deg] what counts as found.
         """
         length, angle = success[0], math.radians(success[1])
-        bound = max(first_crossing(self.time, self.worst_bound[:, j], s) for j, s in ((0, length), (1, angle)))
+        joint = np.maximum(self.worst_bound[:, 0] / length, self.worst_bound[:, 1] / angle)
+        bound = first_crossing(self.time, joint, 1.0)
         worst = np.abs(np.nan_to_num(self.depth_error, nan=np.inf)).max(axis=(1, 2))
         error = convergence_time(self.time, worst, length)
         if self.pose_error.shape[1]:
             pose = self.pose_error.max(axis=1)
-            error = max(error, *(convergence_time(self.time, pose[:, j], s) for j, s in ((0, length), (1, angle))))
+            both = np.maximum(pose[:, 0] / length, pose[:, 1] / angle)
+            error = max(error, convergence_time(self.time, both, 1.0))
             pose_end: list[float | None] = [float(pose[-1, 0]), math.degrees(pose[-1, 1])]
         else:
             pose_end = [None, None]

@@ -71,13 +71,16 @@ def nees(errors: ArrayLike, covariance: ArrayLike) -> Float:
         covariance: (..., d, d) symmetric, positive definite.
 
     Returns:
-        (...,); mean d.
+        (...,); mean d. Infinite where the covariance is singular, or anything is not a number.
     """
     e, p = np.asarray(errors, dtype=np.float64), np.asarray(covariance, dtype=np.float64)
     if p.shape[-2:] != 2 * e.shape[-1:]:
         size = e.shape[-1]
         raise ValueError(f"Argument `covariance` must have shape (..., {size}, {size}), but has {p.shape}.")
-    return np.asarray(np.sum(e * np.linalg.solve(p, e[..., None])[..., 0], axis=-1))
+    regular: Bool = np.asarray(np.isfinite(e).all(axis=-1) & np.isfinite(p).all(axis=(-2, -1)))
+    regular &= np.linalg.slogdet(np.where(regular[..., None, None], p, 0.0))[0] > 0.0
+    solved = np.linalg.solve(np.where(regular[..., None, None], p, np.eye(e.shape[-1])), e[..., None])[..., 0]
+    return np.where(regular, np.sum(e * solved, axis=-1), np.inf)
 
 
 def whitened_error(errors: ArrayLike, bound: ArrayLike, axis: int | tuple[int, ...] | None = None) -> Float:

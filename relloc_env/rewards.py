@@ -180,6 +180,13 @@ def carry_bound(
             terms[n, r, POSE_INFO] = pose_info[n] - before
 
 
+@kernel
+def read_bound(bound, sighted, depth_info, pose_info, pose_cov, worst_sd, pose, points, rows):  # noqa: ARG001
+    """Refresh what is read from the bounds of the environments `rows`; arguments as for `carry_bound`."""
+    for n in rows:
+        _inform(bound[n], depth_info[n], pose_info, pose_cov[n], worst_sd[n], pose[n], points[n], n)
+
+
 @inner
 def _inform(bound, depth_info, pose_info, pose_cov, worst_sd, pose, points, n):
     """Refresh information and worst standard deviations of one environment from its bound."""

@@ -12,7 +12,7 @@ from markupsafe import Markup
 
 from agents.benchmark import Asked, Result, load, of
 from agents.playing import DEPTH_SHARE, POSE
-from agents.registry import group, knows_truth, short
+from agents.registry import group, short
 from agents.report import cells, columns, figures
 from agents.report.films import film
 from agents.report.maps import maps
@@ -55,8 +55,9 @@ def report(out: Path, *, animations: bool = True, tell: Tell = lambda *_: None) 
         tell(f"film: {name}", 0.6 + 0.4 * k / len(places))
         with suppress(ValueError, TypeError):  # Somebody's own, whose file is not there any more.
             films[name] = film(_filmed(asked, results, name).job)
+    oracles = {result.job.agent for result in results if result.knows_truth}
     page = _environment().get_template("page.html.j2").render(
-        **_about(asked, summary, places), suites=suites, films=films, film_of=_film_of(asked, results, films),
+        **_about(asked, summary, places, oracles), suites=suites, films=films, film_of=_film_of(asked, results, films),
     )  # fmt: skip
     place = out / "report.html"
     place.write_text(page, encoding="utf-8")
@@ -73,7 +74,7 @@ def _environment() -> Environment:
     return environment
 
 
-def _about(asked: Asked, summary: Mapping[str, Any], places: Mapping[str, int]) -> dict[str, Any]:
+def _about(asked: Asked, summary: Mapping[str, Any], places: Mapping[str, int], oracles: set[str]) -> dict[str, Any]:
     """What the head of the page says."""
     scripted = next((name for name in places if group(name) == "scripted"), None)
     chosen = [*list(places)[:CHOSEN], *([scripted] if scripted else [])]
@@ -81,7 +82,7 @@ def _about(asked: Asked, summary: Mapping[str, Any], places: Mapping[str, int]) 
     return {
         "summary": summary,
         "task": asked.env.rpartition("/")[2],
-        "agents": [_agent(name, place, name in chosen) for name, place in places.items()],
+        "agents": [_agent(name, place, name in chosen, name in oracles) for name, place in places.items()],
         "estimators": [e for e in asked.estimators if any(e in s["estimators"] for s in summary["suites"].values())],
         "shown": [cells.head(column, summary["robots"]) for column in every],
         "overview": _overview(summary),
@@ -93,8 +94,8 @@ def _about(asked: Asked, summary: Mapping[str, Any], places: Mapping[str, int]) 
     }
 
 
-def _agent(name: str, place: int, chosen: bool) -> dict[str, Any]:
-    title = group(name) + (", knows the truth" if knows_truth(name) else "")
+def _agent(name: str, place: int, chosen: bool, oracle: bool) -> dict[str, Any]:
+    title = group(name) + (", knows the truth" if oracle else "")
     dashed, colour = figures.dash(place) != "-", place % figures.REPEAT
     return {"name": name, "k": place, "colour": colour, "dashed": dashed, "chosen": chosen, "group": title}
 

@@ -7,6 +7,7 @@ import numpy as np
 from relloc_env.config import EnvConfig
 from relloc_env.envs.core import Core
 from relloc_env.metrics import wrap
+from relloc_env.rewards import BOUND_FIELDS, read_bound
 from relloc_env.samples import Bool, Estimate, Float, Rows
 
 UNSEEN_SD = 100.0
@@ -28,7 +29,15 @@ def believed_config(config: EnvConfig, *, walls: bool = False) -> EnvConfig:
     }
     if not walls:
         changes |= {"arena": None, "obstacles": []}
-    data = {**config.to_dict(), **changes, "network": {}, "targets": config.targets}
+    data = {
+        **config.model_copy(update={"estimator": None}).to_dict(),
+        **changes,
+        "network": {},
+        "targets": config.targets,
+    }
+    # Plans are compared by what they would gain, not by the luck of their draws.
+    data["robot"] = [{**robot, "actuator_noise": (0.0, 0.0)} for robot in data["robot"]]
+    data["camera"] = [{**camera, "miss_probability": 0.0} for camera in data["camera"]]
     return EnvConfig.model_validate({**data, "reward": {}, "start": {**data["start"], "in_view": False}})
 
 
@@ -51,6 +60,7 @@ class BeliefModel:
     ) -> None:
         self.num_envs, self.copies = num_envs, copies
         self.core = Core(believed_config(config, walls=walls), num_envs * copies, None, threads)
+        self.core.seed(self.core.everyone, range(num_envs * copies))
 
     def start(self, poses: Float, points: Float, rows: Rows) -> None:
         """Begin the episodes of some beliefs anew, from the priors and a first image.
@@ -59,7 +69,12 @@ class BeliefModel:
             poses: [m, m, rad] (N, R, 3) believed.
             points: [m] (N, M, 3) believed; NaN where nothing is known.
             rows: indices of the beliefs.
+
+        Raises:
+            ValueError: poses that are not finite.
         """
+        if not np.isfinite(poses[rows]).all():
+            raise ValueError("Argument `poses` must be finite, but is not: the estimator gave no pose")
         every, world = self._each(rows), self.core.simulation.world
         world.fixed_poses[every] = np.repeat(poses[rows], self.copies, axis=0)
         world.fixed_points[every] = np.repeat(_away(points[rows]), self.copies, axis=0)
@@ -110,6 +125,9 @@ class BeliefModel:
             every[:, t : t + 3, t : t + 3] = by @ estimate.pose_covariance[:, k - 1] @ np.swapaxes(by, 1, 2)
         _spread(every, bound, copies)
         core.score.sighted[:] = np.repeat(estimate.known, copies, axis=0)
+        kept: tuple[Any, ...] = core.score[:BOUND_FIELDS]
+        places: tuple[Any, ...] = (world.pose, world.points, core.everyone)
+        read_bound(*kept, *places)
 
     def branch(self, other: "BeliefModel") -> None:
         """Put all copies into the state of another model's beliefs, which have one copy each."""

@@ -305,9 +305,20 @@ class RellocVectorEnv(VectorEnv[Any, Any, Any]):
 
         if not isinstance(copies, numbers.Integral) or isinstance(copies, bool) or copies < 1:
             raise ValueError(f"Argument `copies` must be an integer of at least 1, but is {copies!r}")
-        shape = (self.num_envs, self.config.robots, self.config.targets)
-        if estimate.known.shape != shape:
-            raise ValueError(f"Argument `estimate` must be of {shape} points, but is of {estimate.known.shape}")
+        n, r, m = self.num_envs, self.config.robots, self.config.targets
+        p = r * (r - 1)
+        if not isinstance(estimate, Estimate):
+            raise TypeError(f"Argument `estimate` must be an Estimate, but is {type(estimate).__name__}")
+        for name, shape in (
+            ("points", (n, r, m, 3)), ("points_covariance", (n, r, m, 3, 3)), ("known", (n, r, m)),
+            ("pose", (n, p, 3)), ("pose_covariance", (n, p, 3, 3)),
+        ):  # fmt: skip
+            part = getattr(estimate, name)
+            if part.shape != shape or not np.isfinite(part).all():
+                raise ValueError(
+                    f"Argument `estimate.{name}` must be finite, of {shape}, but is of {part.shape}"
+                    + ("" if part.shape != shape else " with values that are not")
+                )
         heights = np.array([self.config.camera_of(r).mount_height for r in range(self.config.robots)])
         model = BeliefModel(self.config, self.num_envs, int(copies), self._threads)
         model.start(*believed_places(estimate, heights), self.core.everyone)

@@ -37,7 +37,8 @@ def tiny_suites() -> Iterator[None]:
 def shown_agent(tmp_path_factory: pytest.TempPathFactory) -> str:
     """Where the example of docs/agents.md is: `path/to/my_agent.py:MyAgent`."""
     text = (ROOT / "docs/agents.md").read_text("utf-8")
-    (code,) = re.findall(r"^```python\n(.*?)^```", text, re.DOTALL | re.MULTILINE)
+    blocks = re.findall(r"^```python\n(.*?)^```", text, re.DOTALL | re.MULTILINE)
+    (code,) = [block for block in blocks if "class MyAgent" in block]
     path = tmp_path_factory.mktemp("own") / "my_agent.py"
     path.write_text(code, "utf-8")
     return f"{path}:MyAgent"

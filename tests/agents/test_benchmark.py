@@ -4,6 +4,7 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -225,3 +226,33 @@ def test_help_shows_the_options():
     assert result.exit_code == 0
     for option in ("--env", "--suite", "--agents", "--estimators", "--episodes", "--seeds", "--out"):
         assert option in result.output
+
+
+def test_an_agent_that_was_changed_is_played_again(tmp_path: Path) -> None:
+    """Results of a file that is not what it was are not results of what it is."""
+    path = tmp_path / "mine.py"
+    law = "class Mine:\n    def __init__(self, task): self.task = task\n    def reset(self, n, seed): pass\n"
+    law += "    def act(self, rows): return 0.0 * rows[..., :2] + {}\n"
+    asked = Asked("relloc_env/ActiveDepth-v0", ("tiny",), (f"{path}:Mine",), ("cascade",), 4, "validation")
+    found = []
+    for speed in ("0.0", "0.0", "1.0"):
+        path.write_text(law.format(speed), "utf-8")
+        sys.modules.pop(str(path.resolve()), None)  # a new process would read it anew
+        benchmark(asked, tmp_path / "out", cores=1)
+        found.append(load(tmp_path / "out")[1][0].scores["path"])
+    assert np.all(found[0] == 0.0)
+    assert np.all(found[1] == 0.0)
+    assert np.all(found[2] > 0.0)
+
+
+def test_whoever_is_shown_the_truth_is_marked(tmp_path: Path) -> None:
+    path = tmp_path / "oracle.py"
+    path.write_text(
+        "class Oracle:\n    knows_truth = True\n    def __init__(self, task): pass\n    def reset(self, n, seed): pass\n"
+        "    def see(self, poses, points): pass\n    def act(self, rows): return 0.0 * rows[..., :2]\n",
+        "utf-8",
+    )
+    names = (f"{path}:Oracle", "straight")
+    asked = Asked("relloc_env/ActiveDepth-v0", ("tiny",), names, ("cascade",), 4, "validation")
+    benchmark(asked, tmp_path / "out", cores=1)
+    assert [result.knows_truth for result in load(tmp_path / "out")[1]] == [True, False]

@@ -67,6 +67,7 @@ def test_an_estimate_is_put_where_it_says_and_known_as_well_as_it_claims() -> No
     expected = -np.linalg.slogdet(estimate.pose_covariance[:, 0])[1] / 6.0
     bound = model.core.score.bound[::2, 6:9, 6:9]
     assert_allclose(-np.linalg.slogdet(bound)[1] / 6.0, expected, rtol=1e-9)
+    assert_allclose(model.information, np.repeat(expected[:, None], 2, axis=1), rtol=1e-9)
     # Distances between robots and points are what they are, though the axes are A's.
     for r in range(2):
         real = np.linalg.norm(world.points[..., :2] - world.pose[:, r, None, :2], axis=-1)
@@ -113,6 +114,6 @@ def test_bad_input() -> None:
     estimate = true_estimate(envs)
     with pytest.raises(ValueError, match="`copies` must be an integer"):
         envs.from_belief(estimate, 0)
-    with pytest.raises(ValueError, match="`estimate` must be of"):
+    with pytest.raises(ValueError, match=r"`estimate\.points` must be finite, of"):
         envs.from_belief(Estimate._make(part[:1] for part in estimate), 2)
     assert believed_places(estimate, np.array([0.3, 0.3]))[1].shape == (2, 2, 3)
