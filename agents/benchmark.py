@@ -273,18 +273,23 @@ def benchmark(asked: Asked, out: Path, *, cores: int | None = None, tell: Tell =
     else:
         with ProcessPoolExecutor(workers, get_context("spawn")) as pool:
             # The first of each estimator compiles what is not there yet; the others find it.
+            failed: list[str] = []
             waiting: dict[Future[None], Job] = {pool.submit(_work, job, out): job for job in ahead}
             try:
                 while waiting:
                     over, _ = wait(waiting, return_when=FIRST_COMPLETED)
                     for future in over:
                         job = waiting.pop(future)
-                        future.result()
+                        error = future.exception()
+                        if error is not None:
+                            failed.append(f"{_title(job)}: {type(error).__name__}: {error}")
                         done += 1
                         tell(_title(job), done / len(jobs))
             except BaseException:
                 pool.shutdown(wait=False, cancel_futures=True)
                 raise
+        if failed:
+            raise ValueError("Not all was played; what was is kept. " + "; ".join(failed))
     return [out / job.file for job in jobs]
 
 

@@ -89,9 +89,9 @@ class Planner:
             search.now.believe(poses, points, rows[~started])
         if started.any():
             search.start(poses, points, rows[started])
-            self._running[started], self._done[started] = True, search.every
-        if (self._done >= search.every).any():
-            self._actions = search.actions()
+            self._running[started], self._done[started] = True, 0
+        if started.any() or (self._done >= search.every).any():
+            self._actions = search.actions(self._done)
             self._done[:] = 0
         self._last = self._actions[rows, np.minimum(self._done, search.steps - 1)]
         self._done += 1
@@ -134,7 +134,7 @@ class OpenLoop:
         length = task.config.max_cycles
         actions: Float = np.zeros((self._n, length, task.robots, 2))
         for k in range(0, length, search.every):
-            part = search.actions()[:, : search.every]
+            part = search.actions(np.full(self._n, search.every if k else 0))[:, : search.every]
             for j in range(min(search.every, length - k)):
                 actions[:, k + j] = part[:, j]
                 search.now.step(part[:, j])

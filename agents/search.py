@@ -89,10 +89,10 @@ class Search:
         self.plan[rows] = 0.0
         self.plan[rows, ..., 0] = START
 
-    def actions(self) -> Float:
-        """Improve all plans, from where the ones before have come to; return their actions (N, steps, R, 2)."""
+    def actions(self, done: Rows) -> Float:
+        """Improve all plans, of which `done` (N,) steps have gone by; return their actions (N, steps, R, 2)."""
         options, count = self.options, len(self.plan)
-        mean = self._moved_on()
+        mean = self._moved_on(done)
         spread = np.full(mean.shape, SPREAD[0])
         best, best_value = mean, np.full(count, -np.inf)
         few = max(2, round(ELITE * options.samples))
@@ -112,14 +112,13 @@ class Search:
         found: Float = np.einsum("tk,nkrd->ntrd", self._basis, best)
         return found
 
-    def _moved_on(self) -> Float:
+    def _moved_on(self, done: Rows) -> Float:
         """The plans of before, from now on."""
-        knots = self.options.knots
-        passed = self.every * (knots - 1.0) / max(1, self.steps - 1)
-        at = np.minimum(np.arange(knots) + passed, knots - 1.0)
+        knots, rows = self.options.knots, np.arange(len(self.plan))[:, None]
+        at = np.minimum(np.arange(knots) + done[:, None] * (knots - 1.0) / max(1, self.steps - 1), knots - 1.0)
         low = np.minimum(at.astype(np.int64), knots - 2)
-        share = (at - low)[:, None, None]
-        moved: Float = (1.0 - share) * self.plan[:, low] + share * self.plan[:, low + 1]
+        share = (at - low)[..., None, None]
+        moved: Float = (1.0 - share) * self.plan[rows, low] + share * self.plan[rows, low + 1]
         return moved
 
     def value(self, plans: Float) -> Float:

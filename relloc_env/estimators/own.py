@@ -65,11 +65,14 @@ def _run_file(path: Path) -> ModuleType:
         assert spec.loader is not None
         module = importlib.util.module_from_spec(spec)
         sys.modules[name] = module
+        sys.path.insert(0, str(path.resolve().parent))  # where its neighbours are
         try:
             spec.loader.exec_module(module)
         except BaseException:
             del sys.modules[name]
             raise
+        finally:
+            sys.path.remove(str(path.resolve().parent))
     return sys.modules[name]
 
 

@@ -206,6 +206,7 @@ def _load(t, rows, begin, lanes, robots, targets, pose, velocity, wheels, comman
                 t[i + dr.WHEELS + j * W] = wheels[2 * at + j]
                 t[i + dr.COMMAND + j * W] = command[2 * at + j]
             t[i + dr.BLOCKED] = blocked[at]
+            t[i + dr.NOISE], t[i + dr.NOISE + W] = 0.0, 0.0  # what a lane left behind may be no number
         i, at = natural(lane + count * dr.ROBOT * W), natural(3 * n * targets)
         for j in range(3 * targets):
             t[i + j * W] = points[at + j]

@@ -248,7 +248,8 @@ def test_an_agent_that_was_changed_is_played_again(tmp_path: Path) -> None:
 def test_whoever_is_shown_the_truth_is_marked(tmp_path: Path) -> None:
     path = tmp_path / "oracle.py"
     path.write_text(
-        "class Oracle:\n    knows_truth = True\n    def __init__(self, task): pass\n    def reset(self, n, seed): pass\n"
+        "class Oracle:\n    knows_truth = True\n    def __init__(self, task): pass\n"
+        "    def reset(self, n, seed): pass\n"
         "    def see(self, poses, points): pass\n    def act(self, rows): return 0.0 * rows[..., :2]\n",
         "utf-8",
     )

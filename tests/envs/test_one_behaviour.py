@@ -216,3 +216,36 @@ def test_any_number_of_threads(reference: Trace, threads: int) -> None:
     batch = Batch(SEEDS, threads)
     assert len(batch.env.core._parts(batch.env.core.everyone)) == threads
     np.testing.assert_array_equal(batch.trace(), reference)
+
+
+NOISES: list[dict[str, Any]] = [
+    {"robot": {"odometry_noise": odometry, "actuator_noise": actuator}, "camera": {"pixel_noise": pixels}}
+    for odometry in ([0.0, 0.0], [0.01, 0.01])
+    for actuator in ([0.0, 0.0], [0.01, 0.01])
+    for pixels in (0.0, 1.6)
+]
+
+
+@pytest.mark.parametrize("noise", NOISES)
+def test_contacts_do_not_touch_the_neighbours_whatever_the_noise(noise: dict[str, Any]) -> None:
+    """A batch of some blocks, in which many wait for the contact solver, against environments alone."""
+    options: dict[str, Any] = {
+        "estimator": None, "shield": None, "arena": [4.0, 4.0], "samples_per_action": 1, "max_cycles": 60, **noise,
+        "start": {"target_distance": [0.5, 4.0], "in_view": False, "robot_distance": 0.5, "margin": 0.3},
+    }  # fmt: skip
+    seeds, count = list(range(80)), 60
+    batch = RellocVectorEnv(80, options, info=())
+    batch.reset(seed=seeds)
+    actions = np.stack([actions_of(seed)[:count] for seed in seeds], axis=1)
+    touched = np.zeros(80, np.bool_)
+    for k in range(count - 1):
+        batch.step(actions[k])
+        touched |= batch.core.simulation.world.collided.any(axis=1)
+    assert touched.sum() >= 10
+    assert np.isfinite(batch.core.simulation.world.pose).all()
+    for n in (3, 40, 79):
+        alone = RellocVectorEnv(1, options, info=())
+        alone.reset(seed=[n])
+        for k in range(count - 1):
+            alone.step(actions[k, n : n + 1])
+        assert np.array_equal(alone.observations()[0], batch.observations()[n])

@@ -4,6 +4,7 @@ import functools
 import json
 import pickle
 import re
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from relloc_env.config import ConfigError, load_config
 from relloc_env.envs.sb3 import RellocVecEnv
 from relloc_env.envs.vector import RellocVectorEnv
 from relloc_env.estimators import OwnConfig, make, resolve
+from relloc_env.estimators.own import load
 from relloc_env.replay import replay
 from relloc_env.samples import Estimate, Prior, Rows, Samples
 from relloc_env.wrappers import EstimateObservation, RecordLog
@@ -207,3 +209,11 @@ def test_names_are_not_taken_for_places() -> None:
     assert resolve("cascade").kind == "cascade"
     with pytest.raises(ValueError, match=re.escape("is 'mine.py'")):
         resolve("mine.py")
+
+
+def test_a_file_may_import_its_neighbours(tmp_path: Path) -> None:
+    (tmp_path / "neighbour_of_mine.py").write_text("def build(*numbers, message_window): return numbers\n", "utf-8")
+    (tmp_path / "mine.py").write_text("from neighbour_of_mine import build\n", "utf-8")
+    before = sys.path[:]
+    assert load(f"{tmp_path / 'mine.py'}:build", "estimator")(1, 2, message_window=3) == (1, 2)
+    assert sys.path == before
