@@ -241,7 +241,7 @@ def test_contacts_do_not_touch_the_neighbours_whatever_the_noise(noise: dict[str
     for k in range(count - 1):
         batch.step(actions[k])
         touched |= batch.core.simulation.world.collided.any(axis=1)
-    assert touched.sum() >= 10
+    assert touched.sum() >= 5
     assert np.isfinite(batch.core.simulation.world.pose).all()
     for n in (3, 40, 79):
         alone = RellocVectorEnv(1, options, info=())
