@@ -228,24 +228,23 @@ NOISES: list[dict[str, Any]] = [
 
 @pytest.mark.parametrize("noise", NOISES)
 def test_contacts_do_not_touch_the_neighbours_whatever_the_noise(noise: dict[str, Any]) -> None:
-    """A batch of some blocks, in which many wait for the contact solver, against environments alone."""
-    options: dict[str, Any] = {
-        "estimator": None, "shield": None, "arena": [4.0, 4.0], "samples_per_action": 1, "max_cycles": 60, **noise,
-        "start": {"target_distance": [0.5, 4.0], "in_view": False, "robot_distance": 0.5, "margin": 0.3},
-    }  # fmt: skip
-    seeds, count = list(range(80)), 60
-    batch = RellocVectorEnv(80, options, info=())
-    batch.reset(seed=seeds)
-    actions = np.stack([actions_of(seed)[:count] for seed in seeds], axis=1)
-    touched = np.zeros(80, np.bool_)
-    for k in range(count - 1):
-        batch.step(actions[k])
-        touched |= batch.core.simulation.world.collided.any(axis=1)
-    assert touched.sum() >= 5
-    assert np.isfinite(batch.core.simulation.world.pose).all()
-    for n in (3, 40, 79):
-        alone = RellocVectorEnv(1, options, info=())
-        alone.reset(seed=[n])
-        for k in range(count - 1):
-            alone.step(actions[k, n : n + 1])
+    """Three blocks of robots that drive into each other, in every second environment, against environments alone."""
+    options: dict[str, Any] = {"estimator": None, "shield": None, "max_cycles": 20, **noise}
+    start = {"poses": [[-0.6, 0.0, 0.0], [0.6, 0.0, np.pi]], "points": [[0.0, 3.0, 0.5], [1.0, 3.0, 0.5]]}
+
+    def played(seeds: list[int]) -> RellocVectorEnv:
+        env = RellocVectorEnv(len(seeds), options, info=())
+        env.reset(seed=seeds, options=start)
+        ahead = [[1.0, 0.0, 1.0, 0.0] if seed % 2 else [-1.0, 0.5, -0.5, 0.0] for seed in seeds]
+        for _ in range(10):
+            env.step(np.array(ahead))
+        return env
+
+    batch = played(list(range(80)))
+    world = batch.core.simulation.world
+    assert world.collided.any(axis=1).sum() == 40
+    assert np.isfinite(world.pose).all()
+    for n in (3, 40, 41, 79):
+        alone = played([n])
+        assert np.array_equal(alone.core.simulation.world.pose[0], world.pose[n])
         assert np.array_equal(alone.observations()[0], batch.observations()[n])
