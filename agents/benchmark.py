@@ -22,6 +22,7 @@ import numpy as np
 import relloc_env
 from agents.learned import NORMALISATION, PREFIX
 from agents.playing import CURVES, SCORES, play, quartiles
+from agents.policy import Task
 from agents.registry import agent, short
 from relloc_env.config import EnvConfig, load_config
 from relloc_env.samples import Float
@@ -77,11 +78,16 @@ class Asked:
             raise ValueError(f"Argument `env` must be one of {', '.join(IDS)}, but is {self.env!r}")
         for name in self.suites:
             suite(name)
-        for name in self.agents:
-            agent(name)
         seeds(self.seeds, self.episodes)
-        for name in self.estimators:
-            load_config(None, robots=IDS[self.env], estimator=name)
+        configurations = [load_config(None, robots=IDS[self.env], estimator=name) for name in self.estimators]
+        for name in self.agents:
+            build = agent(name)
+            try:
+                build(Task.of(configurations[0]))
+            except TypeError as error:
+                raise ValueError(
+                    f"Argument `agents` must lead to a class that takes a task, but {name!r}: {error}"
+                ) from error
 
     def jobs(self) -> Iterator["Job"]:
         """Everything there is to do."""

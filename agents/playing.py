@@ -92,8 +92,13 @@ def play(
     record = _Record(env, task)
     record.add()
     for k in range(config.max_cycles):
-        actions = policy.act(task.rows(observations))
-        observations = env.step(np.asarray(actions, np.float64).reshape(len(seeds), -1))[0]
+        actions = np.asarray(policy.act(task.rows(observations)), np.float64)
+        if actions.shape != (len(seeds), task.robots, 2):
+            raise ValueError(
+                f"Argument `agents` must lead to policies whose `act` gives ({len(seeds)}, {task.robots}, 2) numbers, "
+                f"but {type(policy).__name__} gives {actions.shape}"
+            )
+        observations = env.step(actions.reshape(len(seeds), -1))[0]
         record.add()
         progress((k + 1) / config.max_cycles)
     return record.scores(), record.curves()
