@@ -139,6 +139,11 @@ def default(num_envs: int) -> Drive:
     return Batch(DEFAULT, num_envs)
 
 
+def default_alignment(num_envs: int) -> Drive:
+    """The ids' task with their own estimator, aligned once per action."""
+    return Batch({}, num_envs)
+
+
 def gymnasium_door(num_envs: int) -> Drive:
     """Everything on, through `gym.make`: one environment."""
     assert num_envs == 1
