@@ -189,10 +189,8 @@ def _against_bound(core: "Core", n: int) -> tuple[float, tuple[float, float]]:
 
 def _nees(error: Float, covariance: Float) -> float:
     """NEES; NaN where nothing usable is claimed."""
-    try:
-        return float(nees(error, covariance))
-    except np.linalg.LinAlgError:
-        return math.nan
+    value = float(nees(error, covariance))
+    return value if math.isfinite(value) else math.nan
 
 
 _band = lru_cache(nees_band)
