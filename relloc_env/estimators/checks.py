@@ -1,5 +1,6 @@
 """What an estimator checks at its door, before compiled code runs over the arrays."""
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -45,3 +46,13 @@ def check_rows(rows: Rows, num_envs: int) -> None:
         raise ValueError(f"Argument `rows` must be a vector of int64, but is {rows.dtype} with shape {rows.shape}.")
     if len(rows) and not (rows.min() >= 0 and rows.max() < num_envs):
         raise IndexError(f"Argument `rows` must lie in [0, {num_envs}), but is {rows.tolist()}.")
+
+
+def put_state(arrays: Mapping[str, NDArray[Any]], state: Mapping[str, NDArray[Any]], rows: Rows) -> None:
+    """Put back into `arrays` (N first) what was remembered of as many rows; raise first where it does not fit."""
+    if state.keys() != arrays.keys():
+        raise ValueError(f"Argument `state` must have the keys {sorted(arrays)}, but has {sorted(state)}.")
+    for name, array in arrays.items():
+        check_array(f"state[{name!r}]", state[name], array.dtype, (len(rows), *array.shape[1:]))
+    for name, array in arrays.items():
+        array[rows] = state[name]

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from relloc_env.estimators.checks import check_array, check_prior, check_rows, check_samples
+from relloc_env.estimators.checks import check_prior, check_rows, check_samples, put_state
 from relloc_env.estimators.config import InverseDepthConfig
 from relloc_env.kernels import anchors, relative_pose
 from relloc_env.kernels.inverse_depth import Filters, show, take_samples
@@ -117,14 +117,8 @@ class InverseDepth:
 
     def set_state(self, state: dict[str, NDArray[Any]], rows: Rows) -> None:
         """Put back what `get_state` gave for as many rows, bit for bit."""
-        arrays = self._arrays()
         check_rows(rows, self._shape[0])
-        if state.keys() != arrays.keys():
-            raise ValueError(f"Argument `state` must have the keys {sorted(arrays)}, but has {sorted(state)}.")
-        for name, array in arrays.items():
-            check_array(f"state[{name!r}]", state[name], array.dtype, (len(rows), *array.shape[1:]))
-        for name, array in arrays.items():
-            array[rows] = state[name]
+        put_state(self._arrays(), state, rows)
         self._show(rows)
 
     def _arrays(self) -> dict[str, NDArray[Any]]:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from relloc_env.estimators.checks import check_array, check_prior, check_rows, check_samples
+from relloc_env.estimators.checks import check_prior, check_rows, check_samples, put_state
 from relloc_env.estimators.config import MapAlignmentConfig
 from relloc_env.kernels.local_map import CALIBRATION
 from relloc_env.kernels.map_alignment import scratch, take_samples
@@ -170,14 +170,8 @@ class MapAlignment:
 
     def set_state(self, state: dict[str, NDArray[Any]], rows: Rows) -> None:
         """Put back what `get_state` gave for as many rows."""
-        arrays = self._arrays()
         check_rows(rows, self._shape[0])
-        if state.keys() != arrays.keys():
-            raise ValueError(f"Argument `state` must have the keys {sorted(arrays)}, but has {sorted(state)}.")
-        for name, array in arrays.items():
-            check_array(f"state[{name!r}]", state[name], array.dtype, (len(rows), *array.shape[1:]))
-        for name, array in arrays.items():
-            array[rows] = state[name]
+        put_state(self._arrays(), state, rows)
         self._refresh(rows)
 
     def _arrays(self) -> dict[str, NDArray[Any]]:
