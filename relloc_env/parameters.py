@@ -20,7 +20,7 @@ PARAMETERS = np.dtype(
     )]
     + [(name, np.int64) for name in (
         "samples_per_action", "shield", "message_every", "start_in_view", "guess_kind", "perfect_network",
-        "actuator_noise", "image_noise", "misses", "odometry_noise", "width", "targets", "window",
+        "actuator_noise", "image_noise", "misses", "odometry_noise", "width", "targets", "window", "reward_start",
     )],
     align=True,
 )  # fmt: skip
@@ -73,6 +73,7 @@ def pack_parameters(config: EnvConfig, num_envs: int = 1) -> NDArray[np.void]:
         "width": width_of(num_envs),
         "targets": config.targets,
         "window": config.message_window,
+        "reward_start": math.ceil(config.reward_start / (config.sample_period * config.samples_per_action) - 1e-9),
         "perfect_network": config.network.perfect,
         "actuator_noise": any(max(robot.actuator_noise) > 0.0 for robot in robots),
         "image_noise": any(camera.pixel_noise > 0.0 for camera in cameras),

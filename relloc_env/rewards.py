@@ -36,12 +36,16 @@ TERMS: Mapping[str, str] = {
     "visibility": "share of the targets seen, over the samples of the action",
     "collision": "1 where the robot touched something during the action",
     "blocked": "share of the action's samples in which the shield held the robot",
-    "effort": "mean of the squares of the action's entries",
+    "effort": "mean of the squares of the action's speed and yaw rate, as shares of the limits",
+    "change": "mean of the squares of their changes since the action before, which at the start is 0",
+    "depth_error_decrease": "`depth_error` before the action, less after it",
+    "pose_error_decrease": "`pose_error` before the action, less after it",
 }
 """Meaning of each term. Terms are positive quantities: costs take a negative weight."""
 
 assert tuple(TERMS) == REWARD_TERMS
-EXCITATION, DEPTH_INFO, POSE_INFO, DEPTH_ERROR, POSE_ERROR, VISIBILITY, COLLISION, BLOCKED, EFFORT = range(len(TERMS))
+EXCITATION, DEPTH_INFO, POSE_INFO, DEPTH_ERROR, POSE_ERROR, VISIBILITY, COLLISION, BLOCKED, EFFORT = range(9)
+CHANGE, DEPTH_DECREASE, POSE_DECREASE = range(9, len(TERMS))
 
 
 class Score(NamedTuple):
@@ -63,6 +67,8 @@ class Score(NamedTuple):
     """[m] (N, R, M) estimated minus true range; infinite for points not known yet."""
     pose_error: Any
     """[m, rad] (N, P, 2) distance and angle between estimated and true pose."""
+    believed: Any
+    """(N, R, 2) `depth_error` and `pose_error` as the reward has them, now."""
     terms: Any
     """(N, R, T) the terms of the reward."""
 
@@ -84,6 +90,7 @@ def make_score(config: EnvConfig, num_envs: int) -> Score:
         worst_sd=np.zeros((n, 2)),
         depth_error=np.zeros((n, r, m)),
         pose_error=np.zeros((n, r * (r - 1), 2)),
+        believed=np.zeros((n, r, 2)),
         terms=np.zeros((n, r, len(TERMS))),
     )
 
@@ -260,8 +267,8 @@ def _pose_error(t, a, b, s, width):
 
 @kernel
 def score_action(
-    terms, depth_error, pose_error, reward, last_action, points, collided, blocked, seen, true_pose, true_velocity,
-    heights, joint_reward, worst_sd, elapsed, terminated, truncated,
+    terms, depth_error, pose_error, believed, reward, last_action, points, collided, blocked, seen, true_pose,
+    true_velocity, heights, joint_reward, worst_sd, elapsed, terminated, truncated,
     e_points, e_known, e_pose, actions, weights_, ends, params_, pairs, block, rows, started,
 ):  # fmt: skip
     """Score one action by the truth: errors, every term but those of the bound, rewards, and which episodes are over.
@@ -269,9 +276,9 @@ def score_action(
     Arrays are flat (`kernels.lanes.flat`) but for those of the estimate.
 
     Args:
-        terms, depth_error, pose_error: of `Score`, written.
+        terms, depth_error, pose_error, believed: of `Score`, written.
         reward: (N R) written.
-        last_action: [-] (N R 2) written: `actions`, clipped to [-1, 1].
+        last_action: [-] (N R 2) of the action before; written: `actions`, clipped to [-1, 1].
         points, collided, blocked: of `World`.
         seen: of `Samples`.
         true_pose, true_velocity: of `Truth`, of the same samples.
@@ -312,13 +319,15 @@ def score_action(
         _store_errors(t, sights, others, robots * count, pairs.shape[0], depth_error, pose_error, rows, begin, end)
         for j in range(begin, end):
             n, i = rows[j], j - begin
+            _believe(t, sights, others, terms, believed, pairs, robots, count, weights_.shape[0], n, i)
             if started:
                 place = natural(n * robots * weights_.shape[0])
                 for d in range(robots * weights_.shape[0]):
                     terms[place + d] = 0.0
                 continue
+            counts = elapsed[natural(n)] >= params_[0].reward_start
             _terms(
-                t, sights, others, terms, reward, last_action, actions, collided, blocked, weights_, pairs,
+                t, sights, terms, reward, last_action, actions, collided, blocked, weights_, counts,
                 robots, count, block, n, i,
             )  # fmt: skip
             end_action(reward, joint_reward, collided, worst_sd, elapsed, ends, terminated, truncated, robots, n)
@@ -371,30 +380,48 @@ def _store_errors(t, sights, others, count, pairs, depth_error, pose_error, rows
 
 
 @inner
-def _terms(
-    t, sights, others, terms, reward, last_action, actions, collided, blocked, weights_, pairs, robots, count, block,
-    n, i,
-):  # fmt: skip
-    """The terms and the rewards of the robots of environment n, from lane i."""
+def _believe(t, sights, others, terms, believed, pairs, robots, count, size, n, i):
+    """The terms that come from errors, of the robots of environment n, from lane i."""
     for r in range(robots):
         robot = natural(n * robots + r)
-        least, share, error, sighted = math.inf, 0.0, 0.0, 0.0
+        share, error = 0.0, 0.0
         for m in range(count):
-            place = natural(sights + (r * count + m) * _SIGHT * W + i)
-            least, share = min(least, t[place + _EXCITATION]), share + t[place + _SHARE]
-            sighted += t[place + _SIGHTED]
+            share += t[natural(sights + (r * count + m) * _SIGHT * W + i) + _SHARE]
         for p in range(pairs.shape[0]):
             if pairs[p, 0] == r:
                 place = natural(others + p * _PAIR * W + i)
                 error += t[place + _DISTANCE] + t[place + _TURN]
+        share /= count
+        first = natural(robot * size)
+        terms[first + DEPTH_ERROR], terms[first + POSE_ERROR] = share, error
+        terms[first + DEPTH_DECREASE] = believed[2 * robot] - share
+        terms[first + POSE_DECREASE] = believed[2 * robot + 1] - error
+        believed[2 * robot], believed[2 * robot + 1] = share, error
+
+
+@inner
+def _terms(
+    t, sights, terms, reward, last_action, actions, collided, blocked, weights_, counts, robots, count, block, n, i,
+):  # fmt: skip
+    """The other terms and the rewards of the robots of environment n, from lane i."""
+    for r in range(robots):
+        robot = natural(n * robots + r)
+        least, sighted = math.inf, 0.0
+        for m in range(count):
+            place = natural(sights + (r * count + m) * _SIGHT * W + i)
+            least = min(least, t[place + _EXCITATION])
+            sighted += t[place + _SIGHTED]
         v, w = min(max(actions[2 * robot], -1.0), 1.0), min(max(actions[2 * robot + 1], -1.0), 1.0)
+        change_v, change_w = v - last_action[2 * robot], w - last_action[2 * robot + 1]
         last_action[2 * robot], last_action[2 * robot + 1] = v, w
         first = natural(robot * weights_.shape[0])
+        if not counts:
+            terms[first + DEPTH_INFO] = terms[first + POSE_INFO] = 0.0
         terms[first + EXCITATION], terms[first + VISIBILITY] = least, sighted / (block * count)
-        terms[first + DEPTH_ERROR], terms[first + POSE_ERROR] = share / count, error
         terms[first + COLLISION] = 1.0 if collided[robot] else 0.0
         terms[first + BLOCKED] = blocked[robot] / block
         terms[first + EFFORT] = 0.5 * (v * v + w * w)
+        terms[first + CHANGE] = 0.5 * (change_v * change_v + change_w * change_w)
         total = 0.0
         for d in range(weights_.shape[0]):
             total += weights_[d] * terms[first + d]

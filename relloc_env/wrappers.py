@@ -110,7 +110,8 @@ class EstimateObservation(gym.Wrapper[Any, Any, Any, Any]):
         shown = (
             self._lines, *self._samples, estimate.pose, estimate.pose_covariance, *self._onboard.messages,
             np.zeros(robots, np.bool_), np.zeros(robots, np.int64), np.zeros(2 * robots),
-            np.array([0 if started else 1]), self._onboard.pairs, self._limits, _ROW, False, width_of(1),
+            np.array([0 if started else 1]), self._onboard.gains, self._onboard.pairs,
+            self._limits, _ROW, False, width_of(1),
         )  # fmt: skip
         observe(*shown)
         bare = observation.reshape(robots, -1)

@@ -7,7 +7,7 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, field_validator, model_validator
 
-from relloc_env.estimators.config import EstimatorConfig
+from relloc_env.estimators.config import CascadeConfig, EstimatorConfig
 from relloc_env.estimators.registry import resolve
 
 NonNegative = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
@@ -15,6 +15,7 @@ Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Pair = tuple[NonNegative, NonNegative]
 Range = tuple[Finite, Finite]
+Bounds = tuple[Positive, Positive]
 Vector3 = tuple[Finite, Finite, Finite]
 
 
@@ -241,8 +242,30 @@ REWARD_TERMS = (
     "collision",
     "blocked",
     "effort",
+    "change",
+    "depth_error_decrease",
+    "pose_error_decrease",
 )
 """Names of the reward's terms; `relloc_env.rewards` says what each is."""
+
+
+class GainsConfig(Model):
+    """Bounds of the depth observers' gains that actions set with `action="motion+gains"`, on a log scale.
+
+    The middle of the default bounds is what the paper uses.
+    """
+
+    h: Bounds = (0.25, 25.0)
+    """[1/s] least and greatest gain H of the image innovation."""
+    alpha_lambda: Bounds = (12.0, 1200.0)
+    """[1/m²] least and greatest product alpha Lambda of the depth innovation."""
+
+    @field_validator("h", "alpha_lambda")
+    @classmethod
+    def _ordered(cls, value: tuple[float, float]) -> tuple[float, float]:
+        if value[0] >= value[1]:
+            raise ValueError("must be a pair (least, greatest)")
+        return value
 
 
 def _named_estimator(value: Any) -> Any:
@@ -282,6 +305,10 @@ class EnvConfig(Model):
     sample_rate: Positive = RATE
     """[Hz] of the estimators."""
     samples_per_action: Annotated[int, Field(ge=1, le=1000)] = 5
+    action: Literal["motion", "motion+gains"] = "motion"
+    """what an action sets: speed and yaw rate, or also the gains of the robot's depth observers (estimators of the
+    kind `cascade`)."""
+    gains: GainsConfig = GainsConfig()
     max_cycles: Annotated[int, Field(ge=1)] = 120
     """actions until the episode is truncated."""
     terminate_on_collision: bool = False
@@ -294,6 +321,8 @@ class EnvConfig(Model):
     environment."""
     reward: dict[str, Finite] | None = None
     """weight of each term; None for the default: information gained, less 0.02 for blocked samples."""
+    reward_start: NonNegative = 0.0
+    """[s] from which information gained counts in the reward: actions that begin before it gain none."""
     bound: bool | None = None
     """whether the information bound is computed (`information` and `bound_sd` in `info`, the terms `information_*`).
     None: where the reward or `terminate_on_success` needs it."""
@@ -330,6 +359,12 @@ class EnvConfig(Model):
             raise ValueError(f"must have {self.robots} entries in `poses`, but has {len(self.poses)}")
         if self.points is not None and len(self.points) != self.targets:
             raise ValueError(f"must have {self.targets} entries in `points`, but has {len(self.points)}")
+        if self.action == "motion+gains" and not isinstance(self.estimator, CascadeConfig):
+            kind = self.estimator and self.estimator.kind
+            raise ValueError(
+                'must have an `estimator` with gains (`cascade`, `cascade-critical`) for `action` "motion+gains", '
+                f"but has {kind!r}"
+            )
         if self.message_window > 64:
             raise ValueError(
                 f"must have latency and jitter of less than 64 samples, but they are {self.message_window}"
@@ -372,6 +407,18 @@ class EnvConfig(Model):
     def camera_of(self, index: int) -> CameraConfig:
         """Configuration of one robot's camera."""
         return self.camera[index % len(self.camera)]
+
+    @property
+    def gain_names(self) -> tuple[str, ...]:
+        """Gains of each point's observer that an action sets; critically damped, H follows from alpha Lambda."""
+        if self.action == "motion" or not isinstance(self.estimator, CascadeConfig):
+            return ()
+        return ("alpha_lambda",) if self.estimator.damping == "critical" else ("h", "alpha_lambda")
+
+    @property
+    def action_size(self) -> int:
+        """Count of the numbers in one robot's action: speed, yaw rate, then the gains of each point's observer."""
+        return 2 + self.targets * len(self.gain_names)
 
     @property
     def sample_period(self) -> float:

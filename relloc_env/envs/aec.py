@@ -18,7 +18,7 @@ class CheckedActions(BaseWrapper[str, Any, Any]):
     """Refuses a wrong action at the turn of the robot that it is for."""
 
     def step(self, action: Any) -> None:
-        """Hand on an action (2,), or None for a robot whose episode is over."""
+        """Hand on an action (A,), or None for a robot whose episode is over."""
         agent = self.agent_selection
         if not (self.terminations[agent] or self.truncations[agent]):
             check_actions("action", action, np.empty(2))

@@ -22,6 +22,8 @@ def believed_config(config: EnvConfig, *, walls: bool = False) -> EnvConfig:
     """The same robots and cameras without an estimator; on an open floor, where what stands on it is not known."""
     changes: dict[str, Any] = {
         "estimator": None,
+        "action": "motion",
+        "reward_start": 0.0,
         "bound": True,
         "poses": None,
         "points": None,

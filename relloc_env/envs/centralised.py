@@ -22,7 +22,7 @@ from relloc_env.envs.door import (
     state_space,
 )
 from relloc_env.envs.picture import Picture
-from relloc_env.envs.spaces import joint_form, joint_slices, joint_space
+from relloc_env.envs.spaces import joint_action_space, joint_form, joint_slices, joint_space
 from relloc_env.samples import Float32
 from relloc_env.simulation import check_seed
 
@@ -34,7 +34,8 @@ class RellocEnv(gym.Env[Any, Any]):
 
     ## Action space
     `Box(-1, 1, (2 R,), float32)`: speed and yaw rate of each robot as shares of its limits, robot A first. An action is
-    held for `samples_per_action` samples.
+    held for `samples_per_action` samples. With `action="motion+gains"` the gains of a robot's depth observers follow
+    its speed and yaw rate.
 
     ## Observation space
     A flat float32 `Box`: the fields of robot A, then of robot B; `field_slices` says where each is. With
@@ -75,9 +76,9 @@ class RellocEnv(gym.Env[Any, Any]):
         self._picture = Picture(self.core, self.render_mode)
         self.metadata = {**self.metadata, "render_fps": frames_per_second(self.core)}
         self.observation_space = joint_space(self.core.config)
-        self.action_space = spaces.Box(-1.0, 1.0, (2 * self.core.config.robots,), np.float32)
+        self.action_space = joint_action_space(self.core.config)
         self._form = joint_form(self.core.config)
-        self._action = np.zeros(2 * self.core.config.robots)
+        self._action = np.zeros((self.core.config.robots, self.core.config.action_size))
         self._running = False
         self._spec: EnvSpec | None = None
 
@@ -130,7 +131,7 @@ class RellocEnv(gym.Env[Any, Any]):
         return self._form(self.core.observation[0].copy()), self.core.information.one(0, new=True)
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
-        """Hold an action [-] (2 R,) for `samples_per_action` samples.
+        """Hold an action [-] (R A,) for `samples_per_action` samples.
 
         Raises:
             ResetNeeded: before the first `reset`, or after the end of an episode.
@@ -139,8 +140,8 @@ class RellocEnv(gym.Env[Any, Any]):
         if not self._running:
             raise ResetNeeded("Call `reset` before `step`: no episode is running")
         core = self.core
-        check_actions("action", action, self._action)
-        core.step(self._action.reshape(1, -1, 2), _ROW)
+        check_actions("action", action, self._action.reshape(-1))
+        core.step(self._action[None], _ROW)
         terminated, truncated = core.terminated.item(0), core.truncated.item(0)
         self._running = not (terminated or truncated)
         self._picture.follow()

@@ -68,6 +68,7 @@ class Core(Sharing):
         self._known, self._tracks_bound = pack_known(config), config.tracks_bound
         self._ends = pack_ends(config)
         self._limits = np.array([config.max_cycles, config.sample_period])
+        self._motion: Float | None = np.zeros((n, r, 2)) if config.gain_names else None
         self._width = width_of(n)
         self._share()
         self.information = Information(self)
@@ -104,7 +105,7 @@ class Core(Sharing):
         self._observe(rows)
 
     def step(self, actions: NDArray[np.float64], rows: Rows) -> None:
-        """Hold `actions` (N, R, 2) in [-1, 1] for one action in the environments `rows`."""
+        """Hold `actions` (N, R, A) in [-1, 1] for one action in the environments `rows`."""
         if self.threads == 1:
             self._step(actions, rows, 0)
         else:
@@ -117,6 +118,10 @@ class Core(Sharing):
     def _step(self, actions: NDArray[np.float64], rows: Rows, part: int) -> None:
         """Step one part of the batch."""
         simulation = self.simulation
+        if self._motion is not None:
+            self.onboard.tune(actions, rows)
+            self._motion[rows] = actions[rows, :, :2]
+            actions = self._motion
         simulation.step(actions, rows, part)
         self.onboard.update(simulation.samples, rows)
         if self._tracks_bound:
@@ -137,7 +142,7 @@ class Core(Sharing):
         self._bound = score[:BOUND_FIELDS]
         self._sight = (world.pose, world.points, simulation.truth.pose, simulation.truth.visible)
         self._first_sight = (world.pose, world.points, simulation.first_truth.pose, simulation.first_truth.visible)
-        written = (score.terms, score.depth_error, score.pose_error, self.reward, self.last_action)
+        written = (score.terms, score.depth_error, score.pose_error, score.believed, self.reward, self.last_action)
         truth = (world.points, world.collided, world.blocked)
         believed, heights = (estimate.points, estimate.known, estimate.pose), self._known.camera_heights
         ended = (self.joint_reward, score.worst_sd, self.elapsed, self.terminated, self.truncated)
@@ -152,7 +157,8 @@ class Core(Sharing):
         self._observed = (
             *simulation.samples, estimate.pose, estimate.pose_covariance,
             *self.onboard.messages,
-            *flat((world.collided, world.blocked, self.last_action, self.elapsed)), simulation.pairs, self._limits,
+            *flat((world.collided, world.blocked, self.last_action, self.elapsed)), self.onboard.gains,
+            simulation.pairs, self._limits,
         )  # fmt: skip
 
     def states(self) -> Float32:

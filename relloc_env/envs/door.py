@@ -121,7 +121,7 @@ def check_actions(name: str, action: Any, out: Float) -> None:
 
 def take_action(action: Any, out: Float, agent: str) -> None:
     """`check_actions` of one robot, quick where all is well."""
-    if isinstance(action, np.ndarray) and action.shape == (2,) and action.dtype.kind == "f":
+    if isinstance(action, np.ndarray) and action.shape == out.shape == (2,) and action.dtype.kind == "f":
         v, w = action.tolist()
         if math.isfinite(v + w):
             out[0], out[1] = v, w

@@ -42,6 +42,8 @@ def fields(config: EnvConfig) -> list[Field]:
         Field("bumper", (1,), 0.0, 1.0, "1 where something was touched during the action"),
         Field("blocked", (1,), 0.0, 1.0, "share of the action during which the shield held the robot"),
     ]
+    if config.gain_names:
+        own.append(Field("gains", (m, len(config.gain_names)), -1.0, 1.0, "of each point's observer, as set last"))
     told = [
         Field("message_age", (others,), 0.0, FAR, "[s] age of the newest message of each other robot"),
         Field("message_motion", (others, MOTION), -FAR, FAR, "its dead reckoning"),
@@ -117,7 +119,7 @@ def _pose(t, width):
 @kernel
 def observe(
     out, period, odometry, image, seen, arrived, pose, pose_covariance, ticks, outbox, inbox, inbox_tick, window,
-    bumps, blocked, last_action, elapsed, pairs, limits, rows, bare, width,
+    bumps, blocked, last_action, elapsed, gains, pairs, limits, rows, bare, width,
 ):  # fmt: skip
     """Write the observation of every robot into `out` float32 (N, R, D).
 
@@ -130,6 +132,7 @@ def observe(
         blocked: (N R) samples of the action in which the shield held the robot.
         last_action: [-] (N R 2).
         elapsed: (N,) actions since the start.
+        gains: [-] (N, R, G) as the action set them, shares of their bounds; G = 0 where it sets none.
         pairs: (P, 2) ordered pairs.
         limits: (2,) actions in an episode, sample period [s].
         rows: environments to work on.
@@ -139,7 +142,7 @@ def observe(
     robots, count, block, length = seen.shape[2], seen.shape[3], period.shape[1], out.shape[2]
     others = robots - 1
     size = count * (BARE_POINT if bare else POINT)
-    own = 3 + MOTION + 2
+    own = 3 + MOTION + 2 + gains.shape[2]
     told = own + (block * (4 + 3 * count) if bare else size)
     rest = told + others * (1 + MOTION + size)
     line = out.ravel()
@@ -154,8 +157,10 @@ def observe(
             line[at], line[at + 1], line[at + 2] = last_action[2 * robot], last_action[2 * robot + 1], time
             for j in range(MOTION):
                 line[at + 3 + j] = outbox[source + size + j]
-            line[at + own - 2] = 1.0 if bumps[robot] else 0.0
-            line[at + own - 1] = blocked[robot] / block
+            line[at + 3 + MOTION] = 1.0 if bumps[robot] else 0.0
+            line[at + 4 + MOTION] = blocked[robot] / block
+            for j in range(gains.shape[2]):
+                line[at + 5 + MOTION + j] = gains[n, r, j]
             if bare:
                 _block(out, own, period, odometry, image, seen, n, r, shown)
             else:

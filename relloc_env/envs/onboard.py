@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from relloc_env.config import EnvConfig
+from relloc_env.config import ConfigError, EnvConfig
 from relloc_env.estimators.config import AnyConfig, MapAlignmentConfig
 from relloc_env.estimators.own import check_estimator
 from relloc_env.estimators.protocol import Estimator
@@ -17,9 +17,11 @@ from relloc_env.kernels._compile import inlined, inner, kernel
 from relloc_env.kernels.elementary import log, sin_cos
 from relloc_env.kernels.lanes import W, flat, natural, width_of, workspace
 from relloc_env.kernels.motion import advance, wrap_angle
+from relloc_env.kernels.tuning import tune
 from relloc_env.samples import (
     Bool,
     Estimate,
+    Float,
     Prior,
     Rows,
     Samples,
@@ -207,6 +209,7 @@ class Onboard(Sharing):
         estimator: None for the bare environment.
         estimate: what it believes, live arrays; nothing is known where there is no estimator.
         memory: dead reckoning and messages, live arrays.
+        gains: [-] (N, R, G) of the depth observers, as the last action set them; G = 0 where actions set none.
         messages: fields of `memory` from `tick` on, flat, and the length of the window: what `observe` reads.
     """
 
@@ -219,6 +222,14 @@ class Onboard(Sharing):
         elif estimator is not None:
             check_estimator(estimator, n, r, m)
         self.estimator, self.bare = estimator, estimator is None
+        self.gains: Float = np.zeros((n, r, config.action_size - 2))
+        self._tuned = bool(config.gain_names)
+        bounds = config.gains
+        self._log_bounds = np.log([bounds.h, bounds.alpha_lambda])
+        self._first_gain = 2 - len(config.gain_names)
+        self._middle = np.zeros((n, r, config.action_size))
+        if self._tuned:
+            _check_gains(estimator, (n, r, m, 2))
         self.estimate = _nothing(n, r, m, p) if estimator is None else estimator.estimate
         told = m * (BARE_POINT if self.bare else POINT) + MOTION
         self.memory = Memory(
@@ -245,9 +256,16 @@ class Onboard(Sharing):
     def reset(self, prior: Prior, first: Samples, rows: Rows) -> None:
         """Start episodes from what the robots are told and their first sample."""
         if self.estimator is not None:
+            if self._tuned:
+                self.tune(self._middle, rows)
             self.estimator.reset(prior, rows)
             self.estimator.update(first, rows)
         _tell(*(*self._flat, *first, *self._told, rows, True, self.bare, self._width))
+
+    def tune(self, actions: Float, rows: Rows) -> None:
+        """Set the gains that `actions` (N, R, 2 + G) choose, until the next action."""
+        live: Any = self.estimator
+        tune(live.gains, self.gains, actions, self._log_bounds, self._first_gain, rows)
 
     def update(self, samples: Samples, rows: Rows) -> None:
         """Take in the samples of an action.
@@ -269,6 +287,7 @@ class Onboard(Sharing):
     def get_state(self, rows: Rows) -> dict[str, Any]:
         """Copies of everything that is remembered of the environments `rows`."""
         state: dict[str, Any] = {name: value[rows].copy() for name, value in self.memory._asdict().items()}
+        state["gains"] = self.gains[rows].copy()
         state["estimator"] = {} if self.estimator is None else self.estimator.get_state(rows)
         return state
 
@@ -278,6 +297,7 @@ class Onboard(Sharing):
             self.estimator.set_state(state["estimator"], rows)
         for name, value in self.memory._asdict().items():
             value[rows] = state[name]
+        self.gains[rows] = state["gains"]
 
 
 def informed(config: EnvConfig, estimator: AnyConfig | None = None) -> AnyConfig:
@@ -303,6 +323,16 @@ def informed(config: EnvConfig, estimator: AnyConfig | None = None) -> AnyConfig
         if name in type(chosen).model_fields and name not in chosen.model_fields_set
     }
     return chosen.model_copy(update=unstated)
+
+
+def _check_gains(estimator: Any, shape: tuple[int, ...]) -> None:
+    """Raise where an estimator has no gains for actions to set."""
+    gains = getattr(estimator, "gains", None)
+    if not isinstance(gains, np.ndarray) or gains.shape != shape:
+        raise ConfigError(
+            f'Argument `estimator` must have an array `gains` of {shape} for `action` "motion+gains", '
+            f"but {type(estimator).__name__} has not"
+        )
 
 
 def _nothing(n: int, r: int, m: int, p: int) -> Estimate:

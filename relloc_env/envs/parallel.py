@@ -21,7 +21,7 @@ from relloc_env.envs.door import (
     take_action,
 )
 from relloc_env.envs.picture import Picture
-from relloc_env.envs.spaces import robot_form, robot_space
+from relloc_env.envs.spaces import robot_action_space, robot_form, robot_space
 from relloc_env.samples import Float32
 from relloc_env.simulation import check_seed
 
@@ -31,8 +31,9 @@ _ROW = np.zeros(1, np.int64)
 class RellocParallelEnv(ParallelEnv[str, Any, Any]):
     """Robots `robot_a` and `robot_b` act at once, each on what it sees and was told.
 
-    Action of a robot: `Box(-1, 1, (2,), float32)`, speed and yaw rate as shares of its limits. Observation, rewards,
-    ends and arguments as in `relloc_env.envs.centralised.RellocEnv`, robot by robot; `infos[robot]` holds the truth.
+    Action of a robot: `Box(-1, 1, (2,), float32)`, speed and yaw rate as shares of its limits (and gains, with
+    `action="motion+gains"`). Observation, rewards, ends and arguments as in `relloc_env.envs.centralised.RellocEnv`,
+    robot by robot; `infos[robot]` holds the truth.
     """
 
     metadata = {  # noqa: RUF012 - the form PettingZoo asks for
@@ -58,11 +59,11 @@ class RellocParallelEnv(ParallelEnv[str, Any, Any]):
         self.agents: list[str] = []
         space = robot_space(self.core.config)
         self.observation_spaces = dict.fromkeys(self.possible_agents, space)
-        self.action_spaces = {agent: spaces.Box(-1.0, 1.0, (2,), np.float32) for agent in self.possible_agents}
+        self.action_spaces = {agent: robot_action_space(self.core.config) for agent in self.possible_agents}
         self.state_space = state_space(self.core)
         self._form = robot_form(self.core.config)
         self._names = set(self.possible_agents)
-        self._actions = np.zeros((1, self.core.config.robots, 2))
+        self._actions = np.zeros((1, self.core.config.robots, self.core.config.action_size))
 
     @property
     def config(self) -> EnvConfig:
@@ -99,7 +100,7 @@ class RellocParallelEnv(ParallelEnv[str, Any, Any]):
     def step(
         self, actions: Mapping[str, Any]
     ) -> tuple[dict[str, Any], dict[str, float], dict[str, bool], dict[str, bool], dict[str, dict[str, Any]]]:
-        """Hold one action [-] (2,) of each robot for `samples_per_action` samples.
+        """Hold one action [-] (A,) of each robot for `samples_per_action` samples.
 
         Raises:
             ResetNeeded: before the first `reset`, or after the end of an episode.

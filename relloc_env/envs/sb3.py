@@ -6,7 +6,6 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
-from gymnasium import spaces
 from gymnasium.error import ResetNeeded
 from stable_baselines3.common.vec_env import VecEnv
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvStepReturn
@@ -16,7 +15,15 @@ from relloc_env.envs.core import ROBOT_NAMES
 from relloc_env.envs.door import check_actions, check_options, check_render_mode, check_seeds, check_state, open_core
 from relloc_env.envs.information import Information, check_entries
 from relloc_env.envs.picture import Picture
-from relloc_env.envs.spaces import joint_form, joint_slices, joint_space, robot_form, robot_space
+from relloc_env.envs.spaces import (
+    joint_action_space,
+    joint_form,
+    joint_slices,
+    joint_space,
+    robot_action_space,
+    robot_form,
+    robot_space,
+)
 from relloc_env.samples import Float32, Rows
 
 
@@ -60,15 +67,14 @@ class RellocVecEnv(VecEnv):
         self._form = robot_form(self.config) if decentralised else joint_form(self.config)
         self._entries = check_entries(info)
         self._information = Information(self.core, self._entries)
-        self._actions = np.zeros((num_envs, robots, 2))
+        self._actions = np.zeros((num_envs, robots, self.config.action_size))
         self._rows: dict[int, Row] = {}
         self._ready = False
         self._pictures = [Picture(self.core, self._mode, n) for n in range(num_envs if self._mode else 0)]
-        size = 2 if decentralised else 2 * robots
         super().__init__(
             num_envs * self.rows_each,
             robot_space(self.config) if decentralised else joint_space(self.config),
-            spaces.Box(-1.0, 1.0, (size,), np.float32),
+            robot_action_space(self.config) if decentralised else joint_action_space(self.config),
         )
 
     @property

@@ -36,6 +36,16 @@ def joint_space(config: EnvConfig) -> spaces.Space[Any]:
     )
 
 
+def robot_action_space(config: EnvConfig) -> spaces.Box:
+    """Space of one robot's action: speed, yaw rate, and the gains that the configuration lets it set."""
+    return spaces.Box(-1.0, 1.0, (config.action_size,), np.float32)
+
+
+def joint_action_space(config: EnvConfig) -> spaces.Box:
+    """Space of all robots' actions, one after the other."""
+    return spaces.Box(-1.0, 1.0, (config.robots * config.action_size,), np.float32)
+
+
 def many(space: spaces.Space[Any], num_envs: int) -> spaces.Space[Any]:
     """Space of a batch: Gymnasium's, but the bounds are held once instead of once for each environment."""
     if isinstance(space, spaces.Dict):

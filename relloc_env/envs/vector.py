@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from gymnasium import spaces
 from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode, VectorEnv
 from numpy.typing import NDArray
@@ -24,7 +23,7 @@ from relloc_env.envs.door import (
 )
 from relloc_env.envs.information import ENTRIES, Information, check_entries
 from relloc_env.envs.picture import Picture
-from relloc_env.envs.spaces import joint_form, joint_slices, joint_space, many
+from relloc_env.envs.spaces import joint_action_space, joint_form, joint_slices, joint_space, many
 from relloc_env.samples import Bool, Estimate, Float32, Rows
 
 if TYPE_CHECKING:
@@ -81,13 +80,13 @@ class RellocVectorEnv(VectorEnv[Any, Any, Any]):
         rate = frames_per_second(self.core)
         self.metadata = {**self.metadata, "render_fps": rate, "autoreset_mode": self.autoreset_mode}
         self.single_observation_space = joint_space(self.config)
-        self.single_action_space = spaces.Box(-1.0, 1.0, (2 * self.config.robots,), np.float32)
+        self.single_action_space = joint_action_space(self.config)
         self.observation_space = many(self.single_observation_space, num_envs)
         self.action_space = many(self.single_action_space, num_envs)
         self._form = joint_form(self.config)
         self._entries = check_entries(info)
         self._information = Information(self.core, self._entries)
-        self._actions = np.zeros((num_envs, self.config.robots, 2))
+        self._actions = np.zeros((num_envs, self.config.robots, self.config.action_size))
         self._started: Bool = np.zeros(num_envs, np.bool_)
         self._over: Bool = np.zeros(num_envs, np.bool_)
         self._waiting: Rows = np.zeros(0, np.int64)  # where `_over` is set
@@ -141,7 +140,7 @@ class RellocVectorEnv(VectorEnv[Any, Any, Any]):
         return self._form(core.observation), self._information.batch(some, new=rows)
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
-        """Hold one action [-] (N, 2 R) in each environment for `samples_per_action` samples.
+        """Hold one action [-] (N, R A) in each environment for `samples_per_action` samples.
 
         Raises:
             ResetNeeded: before the first `reset`; without autoreset also where an episode is over.

@@ -43,7 +43,7 @@ class Cascade(Sharing):
         )  # fmt: skip
         self._sizes = np.array(shape, dtype=np.int64)
         self._settings = _settings(config, robots)
-        self._gains = np.tile(_gains(config, robots), (n, 1, 1))
+        self._gains = np.tile(_gains(config, robots)[:, None], (n, 1, points, 1))
         self._sample = np.full(n, -2, dtype=np.int64)
         self._table = blocks(n, shape.size)
         self._received = np.zeros((n, pairs), dtype=np.uint64)
@@ -95,7 +95,7 @@ class Cascade(Sharing):
 
     @property
     def gains(self) -> Float:
-        """(N, R, 2) gains H [1/s] and alpha Lambda of each robot, a live array: write to it to change them."""
+        """(N, R, M, 2) H [1/s] and alpha Lambda [1/m²] of each observer, a live array: write to it to change them."""
         return self._gains
 
     @property
@@ -179,7 +179,7 @@ def _settings(config: CascadeConfig, robots: int) -> Float:
 
 
 def _gains(config: CascadeConfig, robots: int) -> Float:
-    """Return the (R, 2) gains H and alpha Lambda."""
+    """Return the (R, 2) gains H and alpha Lambda that the observers of each robot start with."""
     pairs = zip(_each("h", config.h, robots), _each("alpha_lambda", config.alpha_lambda, robots), strict=True)
     return np.array(list(pairs), dtype=np.float64)
 

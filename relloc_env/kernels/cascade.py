@@ -166,7 +166,7 @@ def update(
         pairs: (P, 2) ordered pairs (observer, observed).
         options: (9,) float64, in the order of `anchors.FilterOptions`.
         settings: (R, 9) float64, `depth_state.Settings` of each robot.
-        gains: [1/s, 1/m²] (N R 2) H and alpha Lambda.
+        gains: [1/s, 1/m²] (N R M 2) H and alpha Lambda of each observer.
         shape, sample, table, received, ring: as for `reset`.
         e_points, e_points_covariance, e_known, e_pose, e_pose_covariance: `samples.Estimate`, flat, refreshed in place.
         rows: environments to work on, each once; quickest in ascending order.
@@ -233,8 +233,6 @@ def _sense(t, b, s, o, settings, gains, odometry, image, seen, samples, k, r, wh
         e, lane = natural(rows[j]), natural(rows[j]) % W
         at = natural(3 * ((e * samples + k) * s.robots + r))
         t[ds.V + lane], t[ds.LATERAL + lane], t[ds.YAW_RATE + lane] = odometry[at], odometry[at + 1], odometry[at + 2]
-        at = natural(2 * (e * s.robots + r))
-        t[ds.GAIN_H + lane], t[ds.GAIN_ALPHA + lane] = gains[at], gains[at + 1]
     motion = s.motion + r * s.motion_size * W
     copy(b, motion, t, an.OWN, s.motion_size, s.width)
     an.reckon(t, o.var_v, o.var_w, s.width)
@@ -247,6 +245,8 @@ def _sense(t, b, s, o, settings, gains, odometry, image, seen, samples, k, r, wh
             at = natural(((e * samples + k) * s.robots + r) * s.points + m)
             t[ds.SEEN + lane] = 1.0 if seen[at] else 0.0
             t[ds.SEEN_X + lane], t[ds.SEEN_Y + lane] = image[2 * at], image[2 * at + 1]
+            at = natural(2 * ((e * s.robots + r) * s.points + m))
+            t[ds.GAIN_H + lane], t[ds.GAIN_ALPHA + lane] = gains[at], gains[at + 1]
         place = s.depth + point * ds.SIZE * W
         copy(b, place, t, ds.KNOWN, ds.SIZE, s.width)
         ds.observe(t, settings, r, s.width)

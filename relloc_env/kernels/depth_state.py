@@ -51,7 +51,7 @@ V, LATERAL, YAW_RATE, DT = 26 * W, 27 * W, 28 * W, 29 * W
 CHORD_X, CHORD_Y, DELTA, COS, SIN = 30 * W, 31 * W, 32 * W, 33 * W, 34 * W
 """[m, m, rad, -, -] its arc (`motion.arc`), cosine and sine of the turn."""
 GAIN_H, GAIN_ALPHA = 35 * W, 36 * W
-"""[1/s, 1/m²] gains of the robot's observers."""
+"""[1/s, 1/m²] gains of the observer."""
 DEPTH_SD = 37 * W
 """[m] standard deviation of guesses of the depth."""
 # about the point in this sample,
