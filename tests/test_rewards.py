@@ -71,6 +71,14 @@ def depth_information(bound: TrajectoryBound, at: int, pose: NDArray[np.float64]
     return total / len(points) + math.log(0.1)
 
 
+def errors(env: RellocParallelEnv, r: int, info: dict[str, Any]) -> tuple[float, float]:
+    """`depth_error` and `pose_error` of a robot, from what `info` says of it now."""
+    world = env.core.simulation.world
+    ranges = np.hypot(*(world.points[0, :, :2] - world.pose[0, r, :2]).T)
+    shares = np.minimum(np.abs(info["errors"]["range"][r]) / ranges, 1.0)
+    return float(shares.mean()), float(info["errors"]["pose"][r].sum()) if env.config.robots == 2 else 0.0
+
+
 @pytest.mark.parametrize("robots", [1, 2])
 @pytest.mark.parametrize("network", [{}, {"latency": 0.1, "loss": 0.3}], ids=["perfect", "lossy"])
 def test_every_term_and_their_sum(robots: int, network: dict[str, Any]) -> None:
@@ -81,6 +89,8 @@ def test_every_term_and_their_sum(robots: int, network: dict[str, Any]) -> None:
     for seed in range(4):
         _, infos = env.reset(seed=seed)
         before = infos["robot_a"]["information"]
+        last = {agent: np.zeros(2) for agent in env.agents}
+        wrong = {agent: errors(env, r, infos[agent]) for r, agent in enumerate(env.agents)}
         for _ in range(40):
             actions = wandering(rng, env.agents)
             _, rewards, _, _, infos = env.step(actions)
@@ -96,19 +106,23 @@ def test_every_term_and_their_sum(robots: int, network: dict[str, Any]) -> None:
                     x, y = -z.imag / z.real, (CAMERAS[r]["mount_height"] - points[:, 2]) / z.real
                     sigma2 = (velocity[0] * x + velocity[1]) ** 2 + (velocity[0] * y) ** 2
                     excitations += np.where(visible, sigma2, 0.0) * dt
-                ranges = np.hypot(*(points[:, :2] - truth.pose[0, -1, r, :2]).T)
-                shares = np.minimum(np.abs(info["errors"]["range"][r]) / ranges, 1.0)
+                depth_error, pose_error = errors(env, r, info)
+                action = np.clip(actions[agent].astype(np.float64), -1, 1)
                 expected = {
                     "excitation": excitations.min(),
                     "information_depth": info["information"]["depth"][r] - before["depth"][r],
                     "information_pose": info["information"]["pose"] - before["pose"],
-                    "depth_error": shares.mean(),
-                    "pose_error": info["errors"]["pose"][r].sum() if robots == 2 else 0.0,
+                    "depth_error": depth_error,
+                    "pose_error": pose_error,
                     "visibility": truth.visible[0, :, r].mean(),
                     "collision": float(env.core.simulation.world.collided[0, r]),
                     "blocked": env.core.simulation.world.blocked[0, r] / 4,
-                    "effort": (np.clip(actions[agent].astype(np.float64), -1, 1) ** 2).mean(),
+                    "effort": (action**2).mean(),
+                    "change": ((action - last[agent]) ** 2).mean(),
+                    "depth_error_decrease": wrong[agent][0] - depth_error,
+                    "pose_error_decrease": wrong[agent][1] - pose_error,
                 }
+                last[agent], wrong[agent] = action, (depth_error, pose_error)
                 assert terms.keys() == expected.keys()
                 for name, value in expected.items():
                     assert math.isclose(terms[name], value, rel_tol=1e-9, abs_tol=1e-12), name
@@ -200,3 +214,24 @@ def test_bound_needs_no_estimator() -> None:
         runs.append(np.array([list(reward.values()) for reward in rewards]))
     np.testing.assert_array_equal(runs[0], runs[1])
     np.testing.assert_array_equal(runs[0], runs[2])
+
+
+@pytest.mark.parametrize(("start", "first"), [(0.0, 0), (0.4, 2), (0.41, 3), (10.0, 60)])
+def test_information_counts_from_the_start_that_was_asked_for(start: float, first: int) -> None:
+    """Actions of 0.2 s: those that begin before it gain nothing, all else is as without it."""
+    env, plain = make(2, reward_start=start), make(2)
+    env.reset(seed=1)
+    plain.reset(seed=1)
+    rng = np.random.default_rng(3)
+    for k in range(5):
+        actions = wandering(rng, env.agents)
+        found, expected = env.step(actions), plain.step(actions)
+        for agent in env.agents:
+            info, usual = found[-1][agent], expected[-1][agent]
+            assert info["information"]["pose"] == usual["information"]["pose"]
+            gained = {name: usual[f"reward/{name}"] for name in TERMS}
+            if k < first:
+                gained |= {"information_depth": 0.0, "information_pose": 0.0}
+            assert {name: info[f"reward/{name}"] for name in TERMS} == gained
+            total = sum(WEIGHTS[name] * value for name, value in gained.items())
+            assert math.isclose(found[1][agent], total, rel_tol=1e-9, abs_tol=1e-12)

@@ -8,6 +8,7 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from relloc_env.config import EnvConfig
 from relloc_env.envs.onboard import BARE_POINT, FAR, IMAGE, MOTION, POINT, bounded
@@ -86,6 +87,19 @@ def slices(config: EnvConfig) -> dict[str, slice]:
         where[field.name] = slice(start, start + field.size)
         start += field.size
     return where
+
+
+def places(config: EnvConfig, targets: int) -> NDArray[np.int64]:
+    """Where the numbers of one robot's flat observation stand in that of an environment with more targets.
+
+    The others are zeros there, as of points that were never seen.
+    """
+    found, start = [], 0
+    for small, large in zip(fields(config), fields(config.model_copy(update={"targets": targets})), strict=True):
+        within = np.ravel_multi_index(tuple(np.indices(small.shape)), large.shape)
+        found.append(start + within.ravel())
+        start += large.size
+    return np.concatenate(found)
 
 
 def bounds(config: EnvConfig) -> tuple[Any, Any]:

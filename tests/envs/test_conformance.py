@@ -30,6 +30,7 @@ VARIANTS: dict[str, dict[str, Any]] = {
     "bare": {"estimator": None},
     "bare-lossy": {"estimator": None, "network": {"latency": 0.1, "jitter": 0.1, "loss": 0.2}},
     "lossy": {"network": {"latency": 0.1, "jitter": 0.1, "loss": 0.2}},
+    "gains": {"estimator": "cascade", "action": "motion+gains"},
 }
 
 

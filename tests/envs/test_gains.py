@@ -83,8 +83,7 @@ def test_stable_baselines_gives_the_same(reference: Array, decentralised: bool) 
     env.seed(0)
     shown = [env.reset().reshape(9, -1)]
     actions = np.stack([chosen(seed) for seed in SEEDS[:9]], axis=1)
-    for action in actions[:11]:
-        shown.append(env.step(action.reshape(env.num_envs, -1))[0].reshape(9, -1))
+    shown += [env.step(action.reshape(env.num_envs, -1))[0].reshape(9, -1) for action in actions[:11]]
     np.testing.assert_array_equal(np.stack(shown, axis=1), reference[:9, :12, :-1].astype(np.float32))
 
 
@@ -108,7 +107,7 @@ def test_each_observer_has_the_gains_that_the_action_gave_it() -> None:
 
     The entries -0.5 and 0.5 stand a quarter and three quarters of the way between the logarithms of the bounds.
     """
-    options = {"robots": 2, "targets": 2, "reward": {}, "max_cycles": 30}
+    options: dict[str, Any] = {"robots": 2, "targets": 2, "reward": {}, "max_cycles": 30}
     bounds = {"h": (0.5, 8.0), "alpha_lambda": (20.0, 1620.0)}
     env = RellocVectorEnv(3, estimator="cascade", action="motion+gains", gains=bounds, **options)
     slow = RellocVectorEnv(3, estimator={"kind": "cascade", "h": 1.0, "alpha_lambda": 60.0}, **options)

@@ -148,11 +148,11 @@ def test_one_robot_has_points_and_no_pairs():
     assert estimator.estimate.pose.shape == (1, 0, 3)
 
 
-def test_gains_are_per_environment_and_robot():
+def test_gains_are_per_environment_robot_and_point():
     samples, _ = simulate(60, envs=2)
     estimator = make("cascade", 2, 2, len(POINTS))
     assert isinstance(estimator, Cascade)
-    np.testing.assert_array_equal(estimator.gains, np.broadcast_to([2.5, 120.0], (2, 2, 2)))
+    np.testing.assert_array_equal(estimator.gains, np.broadcast_to([2.5, 120.0], (2, 2, len(POINTS), 2)))
     rows = np.arange(2)
     estimator.reset(prior(2), rows)
     estimator.gains[1, 0] = 5.0, 30.0
@@ -162,6 +162,11 @@ def test_gains_are_per_environment_and_robot():
     np.testing.assert_array_equal(estimator.estimate.points[0], usual[0])
     np.testing.assert_array_equal(estimator.estimate.points[1], tuned[1])
     assert not np.array_equal(tuned[1, 0], usual[1, 0])
+    estimator.reset(prior(2), rows)
+    estimator.gains[:, :, 1:] = 2.5, 120.0
+    estimator.update(samples, rows)
+    mixed = np.where(np.arange(len(POINTS))[:, None] == 0, tuned[1], usual[1])
+    np.testing.assert_array_equal(estimator.estimate.points[1], mixed)
 
 
 BAD_SAMPLES: list[tuple[str, Any]] = [
