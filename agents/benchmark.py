@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 import relloc_env
-from agents.learned import NORMALISATION, PREFIX
+from agents.learned import PREFIX, files
 from agents.playing import CURVES, SCORES, play, quartiles
 from agents.policy import Task
 from agents.registry import agent, short
@@ -52,10 +52,9 @@ def code_digest() -> str:
 
 def file_digest(name: str) -> str:
     """Digest of the files that an agent or estimator with a path is read from; nothing for one of the project's."""
-    place = name.removeprefix(PREFIX) if name.startswith(PREFIX) else name.rpartition(":")[0]
-    path = Path(place)
-    files = [path, path.with_name(NORMALISATION)] if name.startswith(PREFIX) else [path]
-    found = [each.read_bytes() for each in files if place and each.is_file()]
+    own = name.rpartition(":")[0]
+    sources = files(name.removeprefix(PREFIX)) if name.startswith(PREFIX) else [Path(own)] if own else []
+    found = [each.read_bytes() for each in sources if each.is_file()]
     return hashlib.sha256(b"".join(found)).hexdigest()[:12] if found else ""
 
 

@@ -1,72 +1,175 @@
-"""Policies that Stable-Baselines3 has saved, of one robot or of all robots together."""
+"""Trained policies: those that ship, by name; ONNX files with a card; and files of Stable-Baselines3.
 
+An ONNX file is run by onnxruntime: no torch, and no code but its own few operations. A `.zip` of Stable-Baselines3 is
+pickled Python, which runs whatever is in it.
+"""
+
+import difflib
+import json
 import warnings
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from agents.layout import Layout
 from agents.policy import Task
-from relloc_env.samples import Float, Float32
+from relloc_env.samples import Bool, Float, Float32
 
 PREFIX = "learned:"
-"""Begins the name of a learned agent: `learned:path/to/policy.zip`."""
+"""Begins the name of a learned agent: `learned:NAME`, `learned:path/to/policy.onnx` or `.zip`."""
+POLICIES = Path(__file__).parent / "policies"
+"""Folder of the policies that ship."""
 NORMALISATION = "normalisation.pkl"
-"""Statistics of `VecNormalize` that are taken up where they lie beside the policy."""
+"""Statistics of `VecNormalize` that are taken up where they lie beside a policy of Stable-Baselines3."""
+INPUT, OUTPUT = "observation", "action"
+"""Names in an ONNX file."""
+
+Decide = Callable[[Float32, Bool], Float]
+"""From observations in a layout (rows, size), and which rows begin an episode (rows,), to actions (rows, size)."""
 
 
-class Learned:
-    """What a saved policy does without exploring.
-
-    A policy whose observations are those of one robot moves each robot by its own; one that was trained on all robots'
-    moves all.
+class Acting:
+    """What a trained network does without exploring.
 
     Args:
         task: what the robots know of themselves.
-        path: file that a Stable-Baselines3 algorithm saved. It holds pickled Python: loading one runs what is in it.
+        layout: of the observations that the network takes.
+        decide: the network.
+        what: name of the policy, for errors.
+
+    Raises:
+        ValueError: a task that the policy was not made for.
     """
 
-    def __init__(self, task: Task, path: str | Path) -> None:
-        self._task, self._path = task, Path(path)
-        if not self._path.is_file():
-            raise ValueError(f"Argument `agents` must lead to a saved policy, but there is no file {str(path)!r}")
-        warnings.warn(
-            f"{path} is loaded with pickle, which runs whatever code is in it: load files of people you trust alone",
-            stacklevel=2,
-        )
-        self._policy = _load(self._path)
-        self._mean, self._scale, self._clip = _statistics(self._path.with_name(NORMALISATION))
-        size = max(part.stop for part in task.slices.values())
-        (given,) = self._policy.observation_space.shape
-        if given not in (size, size * task.robots):
-            raise ValueError(
-                f"Argument `agents` must lead to a policy for this task, of {size} numbers for a robot or "
-                f"{size * task.robots} for all, but {str(path)!r} takes {given}"
-            )
-        self._joint = given != size
+    def __init__(self, task: Task, layout: Layout, decide: Decide, what: str = "The policy") -> None:
+        self._task, self._layout, self._decide = task, layout, decide
+        self._fit = layout.fit(task, what)
 
     def reset(self, n: int, seed: int) -> None:
-        """Nothing is remembered."""
+        """What is remembered of an episode ends with it."""
 
     def act(self, observations: Float32) -> Float:
-        """Ask the policy."""
+        """Ask the network."""
         n, robots = observations.shape[:2]
-        rows = observations.reshape(n if self._joint else n * robots, -1)
-        rows = np.clip((rows - self._mean) / self._scale, -self._clip, self._clip).astype(np.float32)
-        actions, _ = self._policy.predict(rows, deterministic=True)
-        chosen: Float = np.asarray(actions, np.float64).reshape(n, robots, 2)
-        return chosen
+        count = n if self._layout.joint else n * robots
+        rows = self._fit(observations).reshape(count, -1)
+        new = np.repeat(self._task.time(observations) == 0.0, count // n)
+        actions: Float = np.asarray(self._decide(rows, new), np.float64).reshape(n, robots, -1)
+        return actions
 
 
-def _load(path: Path) -> Any:
+def place(name: str) -> Path:
+    """The file that `NAME`, or a path, leads to.
+
+    Raises:
+        ValueError: no such file.
+    """
+    path = Path(name)
+    if path.suffix in (".onnx", ".zip"):
+        if not path.is_file():
+            raise ValueError(f"Argument `agents` must lead to a saved policy, but there is no file {name!r}")
+        return path
+    known = sorted(each.stem for each in POLICIES.glob("*.onnx"))
+    if name not in known:
+        close = difflib.get_close_matches(name, known, n=1)
+        hint = f"; did you mean `{close[0]}`?" if close else ""
+        raise ValueError(f"Unknown policy `{name}`{hint} Known: {', '.join(known)}; or a path to an .onnx or .zip file")
+    return POLICIES / f"{name}.onnx"
+
+
+def files(name: str) -> list[Path]:
+    """Every file that a policy is read from."""
+    path = place(name)
+    return [path, path.with_suffix(".json") if path.suffix == ".onnx" else path.with_name(NORMALISATION)]
+
+
+def learned(task: Task, name: str) -> Acting:
+    """Build the policy of a name or path; see `PREFIX`."""
+    path = place(name)
+    return _onnx(task, path) if path.suffix == ".onnx" else _zip(task, path)
+
+
+def read_card(path: Path) -> dict[str, Any]:
+    """The card beside an ONNX file: how it was trained, what it takes, how it did.
+
+    Raises:
+        ValueError: no such file, or one that is no card.
+    """
+    card = path.with_suffix(".json")
+    try:
+        data: dict[str, Any] = json.loads(card.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise ValueError(f"{path} must have its card beside it, {card.name}, but: {error}") from None
+    if not isinstance(data, dict) or "observation" not in data:
+        raise ValueError(f"{card} must say what the policy takes (`observation`), but does not")
+    return data
+
+
+def _onnx(task: Task, path: Path) -> Acting:
+    import onnxruntime
+
+    try:
+        layout = Layout.from_dict(read_card(path)["observation"])
+    except (KeyError, TypeError) as error:
+        raise ValueError(f"{path.with_suffix('.json')} must be a card of this version, but: {error}") from None
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = options.inter_op_num_threads = 1
+    try:
+        session = onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
+    except Exception as error:  # noqa: BLE001 - onnxruntime's own classes derive from nothing more special
+        raise ValueError(f"{path} must be an ONNX file, but: {error}") from None
+    given = session.get_inputs()[0].shape[-1]
+    if given != layout.size:
+        raise ValueError(f"{path} must take {layout.size} numbers as its card says, but takes {given}")
+
+    def decide(rows: Float32, _: Bool) -> Float:
+        actions: Float = session.run([OUTPUT], {INPUT: rows})[0]
+        return actions
+
+    return Acting(task, layout, decide, f"The policy {path.stem!r}")
+
+
+def _zip(task: Task, path: Path) -> Acting:
+    warnings.warn(
+        f"{path} is loaded with pickle, which runs whatever code is in it: load files of people you trust alone",
+        stacklevel=2,
+    )
+    policy = _policy(path)
+    mean, scale, clip = _statistics(path.with_name(NORMALISATION))
+    size = task.size
+    (given,) = policy.observation_space.shape
+    if given not in (size, size * task.robots):
+        raise ValueError(
+            f"Argument `agents` must lead to a policy for this task, of {size} numbers for a robot or "
+            f"{size * task.robots} for all, but {str(path)!r} takes {given}"
+        )
+    memory: Any = None
+
+    def decide(rows: Float32, new: Bool) -> Float:
+        nonlocal memory
+        rows = np.clip((rows - mean) / scale, -clip, clip).astype(np.float32)
+        actions, memory = policy.predict(rows, memory, new, deterministic=True)
+        return np.asarray(actions, np.float64)
+
+    return Acting(task, Layout.of(task, joint=given != size), decide)
+
+
+def _policy(path: Path) -> Any:
     """The policy network in a file of any of Stable-Baselines3's algorithms for continuous actions."""
     import stable_baselines3 as sb3
     from stable_baselines3.common.save_util import load_from_zip_file
 
     data, _, _ = load_from_zip_file(path, device="cpu")
     module = data["policy_class"].__module__ if data else ""
-    name = {"sac": "SAC", "td3": "TD3"}.get(module.split(".")[1] if "." in module else "", "PPO")
-    policy = getattr(sb3, name).load(path, device="cpu").policy
+    if module.startswith("sb3_contrib"):
+        from sb3_contrib import RecurrentPPO
+
+        policy: Any = RecurrentPPO.load(path, device="cpu").policy
+    else:
+        name = {"sac": "SAC", "td3": "TD3"}.get(module.split(".")[1] if "." in module else "", "PPO")
+        policy = getattr(sb3, name).load(path, device="cpu").policy
     policy.set_training_mode(False)
     return policy
 

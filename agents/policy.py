@@ -62,6 +62,11 @@ class Task:
         return self.config.targets
 
     @property
+    def size(self) -> int:
+        """Numbers in a robot's row."""
+        return max(part.stop for part in self.slices.values())
+
+    @property
     def action_period(self) -> float:
         """Time that an action is held [s]."""
         return self.config.samples_per_action * self.config.sample_period
@@ -98,8 +103,7 @@ class Task:
         """What a door gives as rows (N, R, D): {robot: row} of PettingZoo, or joint arrays (..., R D) of Gymnasium."""
         if isinstance(observations, Mapping):
             observations = np.stack(list(observations.values()))
-        size = max(part.stop for part in self.slices.values())
-        array: Float32 = np.asarray(observations, np.float32).reshape(-1, self.robots, size)
+        array: Float32 = np.asarray(observations, np.float32).reshape(-1, self.robots, self.size)
         return array
 
     def shares(self, speed: Float, yaw_rate: Float) -> Float:

@@ -6,7 +6,7 @@ from functools import partial
 
 from agents import scripted
 from agents.feedback import Edge
-from agents.learned import PREFIX, Learned
+from agents.learned import PREFIX, learned
 from agents.planned import OpenLoop, Planner
 from agents.policy import Policy, Task
 from relloc_env.estimators.own import load
@@ -49,13 +49,13 @@ GROUPS = {"scripted": SCRIPTED, "feedback": FEEDBACK, "planned": PLANNED}
 def agent(name: str) -> Callable[[Task], Policy]:
     """Return what builds the agent of this name, or the class that `path/to/file.py:MyAgent` leads to.
 
-    `learned:path/to/policy.zip` is a policy that Stable-Baselines3 saved.
+    `learned:NAME` is a policy that ships; `learned:path/to/policy.onnx` or `.zip` a file, see `agents.learned`.
 
     Raises:
         ValueError: an unknown name (with a suggestion), or a path that leads nowhere.
     """
     if name.startswith(PREFIX):
-        return partial(Learned, path=name.removeprefix(PREFIX))
+        return partial(learned, name=name.removeprefix(PREFIX))
     if ":" in name:
         build: Callable[[Task], Policy] = load(name, "agents")
         return build

@@ -1,45 +1,58 @@
-"""Command line of training."""
+"""`python -m train`: policies from the command line."""
 
+import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, NoReturn
 
-import gymnasium as gym
 import typer
-from rich.console import Console
 
 app = typer.Typer(
-    add_completion=False, no_args_is_help=True, rich_markup_mode=None, help="Train policies with Stable-Baselines3."
-)
+    add_completion=False, no_args_is_help=True, rich_markup_mode=None, pretty_exceptions_enable=False,
+    help="Train policies with Stable-Baselines3, and see what they are worth.",
+)  # fmt: skip
+
+Config = Annotated[str, typer.Argument(metavar="CONFIG", help="Name of a published configuration, or a YAML file.")]
+Overrides = Annotated[
+    list[str] | None, typer.Argument(metavar="[FIELD=VALUE]...", help="E.g. seed=2 algorithm.gamma=0.99")
+]
 
 
 @app.callback()
 def _train() -> None:
-    """Train policies with Stable-Baselines3."""
+    """Train policies."""
 
 
 @app.command()
 def run(
-    name: Annotated[str, typer.Argument(metavar="ID", help="Gymnasium id")] = "relloc_env/RelativePose-v0",
-    steps: Annotated[int, typer.Option(min=1, help="actions to train for")] = 200_000,
-    seed: Annotated[int, typer.Option(min=0)] = 0,
-    envs: Annotated[int, typer.Option(min=1, help="environments that run in turn")] = 8,
-    out: Annotated[Path, typer.Option(help="folder for the policy and its evaluation")] = Path("out/train"),
+    config: Config,
+    overrides: Overrides = None,
+    out: Annotated[Path | None, typer.Option(help="Folder of the run; default: out/train/NAME-seedN.")] = None,
 ) -> None:
-    """Train PPO on an id, then compare it with driving straight on 20 starts that it never saw."""
-    console = Console()
+    """Train; stopped at any time, the same command goes on."""
     try:
-        from train.ppo import train
+        from train.config import load
+        from train.run import DivergedError, train
     except ModuleNotFoundError as error:
-        console.print(f"[red]{error.name} is missing:[/red] pip install -e '.\\[train]'")
-        raise typer.Exit(2) from None
+        _missing(error)
     try:
-        result = train(name, steps, out, seed=seed, envs=envs, progress=console.is_terminal)
-    except (gym.error.Error, ImportError, OSError) as error:
-        console.print(f"[red]Error:[/red] {error}", highlight=False)
-        raise typer.Exit(2) from None
-    for policy, values in result["information_at_the_end"].items():
-        console.print(f"{policy:10s} J at the end: {sum(values) / len(values):.2f} nats")
-    console.print(f"Policy and evaluation: {out}")
+        chosen = load(config, overrides or ())
+        folder = out or Path(f"out/train/{chosen.name}-seed{chosen.seed}")
+        policy = train(chosen, folder, command=" ".join(["python -m train", *sys.argv[1:]]))
+    except (DivergedError, ValueError, OSError) as error:
+        _stop(str(error))
+    except KeyboardInterrupt:
+        _stop("Stopped; the same command goes on from the last checkpoint")
+    typer.echo(f"Policy: {policy}")
+
+
+def _missing(error: ModuleNotFoundError) -> NoReturn:
+    _stop(f"The package `{error.name}` is missing: pip install -e '.[train]'")
+
+
+def _stop(message: str) -> NoReturn:
+    """Print one line and end with exit code 2."""
+    typer.echo(f"Error: {message}", err=True)
+    raise typer.Exit(2)
 
 
 if __name__ == "__main__":

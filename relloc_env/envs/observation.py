@@ -17,6 +17,10 @@ from relloc_env.kernels.elementary import log, sin_cos
 from relloc_env.kernels.lanes import W, natural, workspace
 
 
+LAYOUT = 1
+"""Version of what the fields hold: another number where one of them changes its meaning or its size."""
+
+
 class Field(NamedTuple):
     """A named part of the observation."""
 

@@ -1,27 +1,115 @@
-"""Training leaves a policy that loads, and an evaluation."""
+"""A run: what it leaves, that it can be killed, that the same seed gives the same policy."""
 
 import json
+import os
+import signal
+import subprocess
+import sys
+import time
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 
 pytest.importorskip("stable_baselines3")
 
-from stable_baselines3 import PPO
+import torch
 from typer.testing import CliRunner
 
+from agents.policy import Task
+from agents.registry import agent
+from relloc_env.config import ConfigError
+from train import checkpoints
 from train.__main__ import app
-from train.ppo import train
+from train.config import TrainConfig, load
+from train.run import CHECKPOINT, EVALUATION, train
+
+TINY: dict[str, Any] = {
+    "name": "tiny",
+    "environment": {"robots": 1, "options": {"estimator": "cascade", "max_cycles": 8}},
+    "algorithm": {"name": "PPO", "n_steps": 8, "batch_size": 32, "n_epochs": 2},
+    "network": {"hidden": [8]},
+    "num_envs": 4,
+    "steps": 320,
+    "checkpoint": 64,
+    "evaluation": {"every": 128, "episodes": 3, "test": 3, "scripts": ["straight", "edge"]},
+    "film": "",
+}
 
 
-def test_train_leaves_a_policy_and_its_evaluation(tmp_path: Path) -> None:
-    result = train("relloc_env/ActiveDepth-v0", 64, tmp_path, envs=2, episodes=2)
-    assert json.loads((tmp_path / "evaluation.json").read_text("utf-8")) == result
-    assert {len(values) for values in result["information_at_the_end"].values()} == {2}
-    assert PPO.load(tmp_path / "policy.zip", device="cpu").num_timesteps == result["steps"] >= 64
+def weights(folder: Path) -> dict[str, Any]:
+    state = checkpoints.read(folder / CHECKPOINT)["model"]
+    return state["parameters"]["policy"]
 
 
-def test_an_unknown_id_is_one_line() -> None:
-    result = CliRunner().invoke(app, ["relloc_env/NoSuch-v0", "--steps", "1"])
+def same(one: dict[str, Any], other: dict[str, Any]) -> bool:
+    return one.keys() == other.keys() and all(torch.equal(one[name], other[name]) for name in one)
+
+
+def tiny(**changes: Any) -> TrainConfig:
+    return load({**TINY, **changes})
+
+
+def test_a_run_leaves_a_policy_that_acts_as_the_trained_one(tmp_path: Path) -> None:
+    config = tiny()
+    policy = train(config, tmp_path)
+    assert policy == tmp_path / "policy.onnx"
+    lines = [json.loads(line) for line in (tmp_path / EVALUATION).read_text("utf-8").splitlines()]
+    assert [line["steps"] for line in lines] == [0, 128, 256, 320]
+    assert lines[-1]["best"] == max(line["score"] for line in lines)
+    task = Task.of(config.environment.configs[0])
+    with pytest.warns(UserWarning, match="pickle"):
+        saved = agent(f"learned:{tmp_path / 'policy.zip'}")(task)
+    shipped = agent(f"learned:{policy}")(task)
+    rows = np.random.default_rng(0).normal(size=(50, 1, task.size)).astype(np.float32)
+    np.testing.assert_allclose(shipped.act(rows), saved.act(rows), atol=1e-5)
+    card = json.loads((tmp_path / "policy.json").read_text("utf-8"))
+    assert load(card["configuration"]) == config
+    score = card["metrics"]["scores"]["information_end"]
+    assert score["low"] <= score["value"] <= score["high"]
+
+
+def test_the_same_seed_gives_the_same_policy_and_another_another(tmp_path: Path) -> None:
+    for name, seed in (("a", 3), ("b", 3), ("c", 4)):
+        train(tiny(seed=seed), tmp_path / name)
+    a, b, c = (weights(tmp_path / name) for name in "abc")
+    assert same(a, b)
+    assert not same(a, c)
+    assert (tmp_path / "a" / "policy.onnx").read_bytes() == (tmp_path / "b" / "policy.onnx").read_bytes()
+
+
+def test_killed_it_goes_on_and_ends_as_if_nothing_had_happened(tmp_path: Path) -> None:
+    changes = ["steps=1600", "checkpoint=64", "evaluation.every=320"]
+    config = tmp_path / "tiny.json"
+    config.write_text(json.dumps(TINY), encoding="utf-8")
+    whole = load(config, changes)
+    train(whole, tmp_path / "whole")
+    command = [sys.executable, "-m", "train", "run", str(config), *changes, "--out", str(tmp_path / "killed")]
+    place = Path(__file__).parents[2]
+    process = subprocess.Popen(command, cwd=place, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    path = tmp_path / "killed" / CHECKPOINT
+    steps = 0
+    while steps < 400:
+        assert process.poll() is None, "the run was over before it was killed"
+        steps = checkpoints.read(path)["model"]["kept"]["num_timesteps"] if path.exists() else 0
+        time.sleep(0.01)
+    os.kill(process.pid, signal.SIGKILL)
+    process.wait()
+    with (tmp_path / "killed" / EVALUATION).open("a", encoding="utf-8") as file:
+        file.write('{"steps": 1599, "score"')  # what a killed run may leave
+    train(whole, tmp_path / "killed")
+    assert same(weights(tmp_path / "killed"), weights(tmp_path / "whole"))
+    assert (tmp_path / "killed" / EVALUATION).read_bytes() == (tmp_path / "whole" / EVALUATION).read_bytes()
+
+
+def test_the_folder_of_another_run_is_left_alone(tmp_path: Path) -> None:
+    train(tiny(), tmp_path)
+    with pytest.raises(ConfigError, match=r"other values of algorithm\.gamma, seed"):
+        train(load(TINY, ["seed=2", "algorithm.gamma=0.9"]), tmp_path)
+
+
+def test_a_wrong_configuration_is_one_line() -> None:
+    result = CliRunner().invoke(app, ["run", "relativ-pose"])
     assert result.exit_code == 2
-    assert "NoSuch" in result.output
+    assert "did you mean `relative-pose`" in result.output

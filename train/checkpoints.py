@@ -1,0 +1,116 @@
+"""All that a run remembers, in one file that is put in its place whole: what was killed goes on from there."""
+
+import os
+import random
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.save_util import recursive_getattr
+from stable_baselines3.common.vec_env import VecNormalize
+
+_KEPT = (
+    "num_timesteps", "_n_updates", "_episode_num", "_last_obs", "_last_original_obs", "_last_episode_starts",
+    "_last_lstm_states", "_current_progress_remaining", "action_noise",
+)  # fmt: skip
+"""Attributes of the algorithms that change."""
+_BUFFER = ("observations", "next_observations", "actions", "rewards", "dones", "timeouts")
+
+
+def capture(model: BaseAlgorithm) -> dict[str, Any]:
+    """Copy everything that training goes on from: networks, optimisers, buffers, statistics, worlds, random streams."""
+    _, variables = model._get_torch_save_params()  # noqa: SLF001 - what `save` keeps beside the networks
+    return {
+        "parameters": model.get_parameters(),
+        "variables": {name: recursive_getattr(model, name).detach().clone() for name in variables},
+        "kept": {name: getattr(model, name) for name in _KEPT if hasattr(model, name)},
+        "normaliser": _normaliser_state(model),
+        "buffer": _buffer_state(model),
+        "worlds": worlds_of(model).get_state(),
+        "streams": {
+            "python": random.getstate(),
+            "numpy": np.random.get_state(),  # noqa: NPY002 - the one that Stable-Baselines3 draws from
+            "torch": torch.get_rng_state(),
+            "actions": model.action_space.np_random.bit_generator.state,
+        },
+    }
+
+
+def restore(model: BaseAlgorithm, state: dict[str, Any]) -> None:
+    """Put back what `capture` gave into a model that was built from the same configuration."""
+    env = model.get_env()
+    assert env is not None
+    env.reset()
+    worlds_of(model).set_state(state["worlds"])
+    model.set_parameters(state["parameters"], exact_match=True)
+    for name, value in state["variables"].items():
+        recursive_getattr(model, name).data.copy_(value)
+    for name, value in state["kept"].items():
+        setattr(model, name, value)
+    if state["normaliser"] is not None:
+        vars(_normaliser(model)).update(state["normaliser"])
+    if state["buffer"] is not None:
+        _fill_buffer(model, state["buffer"])
+    streams = state["streams"]
+    random.setstate(streams["python"])
+    np.random.set_state(streams["numpy"])  # noqa: NPY002 - as above
+    torch.set_rng_state(streams["torch"])
+    model.action_space.np_random.bit_generator.state = streams["actions"]
+
+
+def worlds_of(model: BaseAlgorithm) -> Any:
+    """The `Worlds` inside a model's environment."""
+    env = model.get_env()
+    assert env is not None
+    return env.unwrapped
+
+
+def _normaliser(model: BaseAlgorithm) -> VecNormalize | None:
+    return model.get_vec_normalize_env()
+
+
+def _normaliser_state(model: BaseAlgorithm) -> dict[str, Any] | None:
+    found = _normaliser(model)
+    if found is None:
+        return None
+    return {name: vars(found)[name] for name in ("obs_rms", "ret_rms", "returns", "old_obs", "old_reward")
+            if name in vars(found)}  # fmt: skip
+
+
+def _buffer_state(model: BaseAlgorithm) -> dict[str, Any] | None:
+    """The filled part of a replay buffer."""
+    buffer = getattr(model, "replay_buffer", None)
+    if buffer is None:
+        return None
+    filled = buffer.buffer_size if buffer.full else buffer.pos
+    arrays = {name: getattr(buffer, name)[:filled] for name in _BUFFER if hasattr(buffer, name)}
+    return {"arrays": arrays, "pos": buffer.pos, "full": buffer.full}
+
+
+def _fill_buffer(model: BaseAlgorithm, state: dict[str, Any]) -> None:
+    buffer: Any = model.replay_buffer  # type: ignore[attr-defined]
+    for name, array in state["arrays"].items():
+        getattr(buffer, name)[: len(array)] = array
+    buffer.pos, buffer.full = state["pos"], state["full"]
+
+
+def write(path: Path, state: Any) -> None:
+    """Write a checkpoint, whole or not at all, also where the power fails."""
+    partial = path.with_name(f".{path.name}.{os.getpid()}")
+    with partial.open("wb") as file:
+        torch.save(state, file)
+        file.flush()
+        os.fsync(file.fileno())
+    partial.replace(path)
+    folder = os.open(path.parent, os.O_RDONLY)
+    try:
+        os.fsync(folder)
+    finally:
+        os.close(folder)
+
+
+def read(path: Path) -> Any:
+    """Read what `write` wrote: a file of one's own, since it is pickled."""
+    return torch.load(path, map_location="cpu", weights_only=False)

@@ -1,0 +1,273 @@
+"""What a training run is told: a file, overrides on top, checked as a whole; plain data and back without loss."""
+
+import inspect
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from functools import cached_property
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+import yaml
+from pydantic import ConfigDict, Field, field_validator, model_validator
+
+from agents.playing import SCORES
+from agents.policy import Task
+from agents.registry import AGENTS, agent
+from relloc_env.config import ConfigError, EnvConfig, hint, load_config, read_file, validate
+from relloc_env.config.models import Model, Positive
+from relloc_env.scenarios import suite
+
+CONFIGS = Path(__file__).parent / "configs"
+"""Folder of the published configurations."""
+
+Count = Annotated[int, Field(ge=1)]
+ALGORITHMS = ("PPO", "RecurrentPPO", "SAC", "TD3")
+_OURS = ("self", "policy", "env", "seed", "device", "verbose", "tensorboard_log", "policy_kwargs", "_init_setup_model")
+"""Arguments of Stable-Baselines3's algorithms that are set from elsewhere."""
+
+
+def algorithm_class(name: str) -> Any:
+    """The class of one of `ALGORITHMS`."""
+    import sb3_contrib
+    import stable_baselines3
+
+    return getattr(sb3_contrib if name == "RecurrentPPO" else stable_baselines3, name)
+
+
+def _number(value: Any) -> Any:
+    """YAML reads `3e-4` as text: numbers written so are numbers, at any depth."""
+    if isinstance(value, Mapping):
+        return {key: _number(each) for key, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [_number(each) for each in value]
+    if isinstance(value, str) and re.fullmatch(r"[-+]?\d+(\.\d*)?[eE][-+]?\d+", value):
+        return float(value)
+    return value
+
+
+class EnvironmentConfig(Model):
+    """The worlds to train in: a suite's variants, with options of the environment on top."""
+
+    robots: Literal[1, 2] = 2
+    decentralised: bool = False
+    """whether each robot acts on its own observation, by one policy with shared parameters."""
+    suite: str = "open-field"
+    """whose variants the environments are dealt out to."""
+    variants: tuple[dict[str, Any], ...] | None = None
+    """options of variants of one's own, in place of a suite's."""
+    options: dict[str, Any] = {}  # noqa: RUF012 - frozen by pydantic's copy
+    """of `relloc_env.config.EnvConfig`, over those of every variant: reward weights, estimator, sensors."""
+    without: tuple[str, ...] = ()
+    """fields of the observation that the policy does not get."""
+    nearest_first: bool = False
+    """whether the policy gets the points in the order in which a robot believes them to be near."""
+    silent: Annotated[int, Field(ge=0)] = 0
+    """actions at the start of an episode whose reward does not count: the priors collapse, whatever the robots do."""
+    finite: bool = False
+    """whether an episode's end is the end of its return, in place of the value of what would have followed."""
+    change: Annotated[float, Field(ge=0.0)] = 0.0
+    """weight of what is taken off the reward: mean change of an action's entries since the action before."""
+    random_phase: bool = True
+    """whether the first episodes start at a random time, so that later ones do not all end together."""
+
+    @model_validator(mode="after")
+    def _possible(self) -> Self:
+        configs = self.configs
+        if self.decentralised and self.robots == 1:
+            raise ValueError("Argument `environment.decentralised` must be false for one robot, but is true")
+        fields = Task.of(max(configs, key=lambda each: each.targets)).slices
+        for name in self.without:
+            if name not in fields:
+                raise ValueError(f"Argument `environment.without` must be of {', '.join(fields)}, but has {name!r}")
+        alike = {(c.observation, c.estimator is None, c.samples_per_action, c.message_window) for c in configs}
+        if len(alike) > 1:
+            raise ValueError("Argument `environment.variants` must differ in no field of the observation but points")
+        return self
+
+    @cached_property
+    def configs(self) -> list[EnvConfig]:
+        """The configuration of each variant."""
+        variants: Sequence[Mapping[str, Any]] = suite(self.suite).variants if self.variants is None else self.variants
+        if not variants:
+            raise ValueError("Argument `environment.variants` must have at least one entry, but has none")
+        return [load_config(load_config(dict(v), robots=self.robots), **self.options) for v in variants]
+
+    @property
+    def targets(self) -> int:
+        """The most points of any variant: what the policy is laid out for."""
+        return max(config.targets for config in self.configs)
+
+
+class AlgorithmConfig(Model):
+    """An algorithm of Stable-Baselines3 with its own keyword arguments."""
+
+    model_config = ConfigDict(frozen=True, extra="allow")
+
+    name: Literal["PPO", "RecurrentPPO", "SAC", "TD3"] = "PPO"
+    learning_rate: Positive = 3e-4
+    schedule: Literal["constant", "linear"] = "constant"
+    """of the learning rate: linear falls to 0 at the end."""
+    action_noise: Annotated[float, Field(ge=0.0)] = 0.0
+    """[-] standard deviation of what SAC and TD3 add to actions to explore."""
+
+    @model_validator(mode="after")
+    def _arguments(self) -> Self:
+        known = [
+            name for name in inspect.signature(algorithm_class(self.name)).parameters
+            if name not in (*_OURS, *type(self).model_fields)
+        ]  # fmt: skip
+        for name in self.model_extra or {}:
+            if name not in known:
+                raise ValueError(
+                    f"Unknown option `algorithm.{name}` of {self.name}{hint(name, tuple(known))}; "
+                    f"known: {', '.join(known)}"
+                )
+        if self.action_noise and self.name not in ("SAC", "TD3"):
+            raise ValueError(f"Argument `algorithm.action_noise` must be 0 for {self.name}, but is {self.action_noise}")
+        return self
+
+
+class NetworkConfig(Model):
+    """The policy's and the critic's networks."""
+
+    policy: Literal["MlpPolicy", "MlpLstmPolicy", "CnnPolicy"] = "MlpPolicy"
+    """CnnPolicy is for observations that are images."""
+    hidden: tuple[Count, ...] = (128, 128)
+    activation: Literal["tanh", "relu", "elu"] = "tanh"
+    log_std: float = -0.5
+    """log of the standard deviation of actions at the start of PPO."""
+    lstm: Count = 64
+    """size of the memory of an MlpLstmPolicy."""
+
+
+class NormaliseConfig(Model):
+    """Running statistics of what comes in."""
+
+    observations: bool = True
+    rewards: bool = False
+    clip: Positive = 10.0
+    """[-] greatest normalised observation."""
+
+
+class EvaluationConfig(Model):
+    """What is played on validation seeds during training."""
+
+    every: Count = 200_000
+    """steps between two evaluations."""
+    episodes: Count = 100
+    score: str = "information_end"
+    """entry of `agents.playing.SCORES` by which the best policy is kept; more is better."""
+    test: Annotated[int, Field(ge=0)] = 400
+    """episodes on test seeds for the card, at the end."""
+    scripts: tuple[str, ...] | None = None
+    """agents to compare with; None for all scripted and feedback ones."""
+
+    @field_validator("score")
+    @classmethod
+    def _known_score(cls, value: str) -> str:
+        if value not in SCORES:
+            raise ValueError(f"must be one of {', '.join(SCORES)}{hint(value, tuple(SCORES))}, but is {value!r}")
+        return value
+
+    @field_validator("scripts")
+    @classmethod
+    def _known_scripts(cls, value: Iterable[str] | None) -> tuple[str, ...] | None:
+        for name in value or ():
+            agent(name)
+        return None if value is None else tuple(value)
+
+    @property
+    def agents(self) -> tuple[str, ...]:
+        """Names of the agents to compare with."""
+        return tuple(AGENTS) if self.scripts is None else self.scripts
+
+
+class TrainConfig(Model):
+    """A whole training run."""
+
+    name: str
+    """of the run, the folder and the policy."""
+    about: str = ""
+    environment: EnvironmentConfig = EnvironmentConfig()
+    algorithm: AlgorithmConfig = AlgorithmConfig()
+    network: NetworkConfig = NetworkConfig()
+    normalise: NormaliseConfig = NormaliseConfig()
+    num_envs: Count = 256
+    """environments side by side."""
+    steps: Count = 3_000_000
+    """actions to train for: of all environments together, decentralised of all robots."""
+    seed: Annotated[int, Field(ge=0, lt=2**31)] = 1
+    """of the starts, the noise and the networks."""
+    threads: Count = 1
+    """that torch and the environments run on; what is learned may depend on it in the last bit."""
+    evaluation: EvaluationConfig = EvaluationConfig()
+    checkpoint: Count = 100_000
+    """steps between two checkpoints."""
+    film: Literal["", "gif", "mp4"] = "gif"
+    """form of the film of the best policy."""
+
+    @field_validator("name")
+    @classmethod
+    def _plain(cls, value: str) -> str:
+        if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9._-]*", value):
+            raise ValueError(f"must be of letters, digits, dots, dashes and underscores, but is {value!r}")
+        return value
+
+    @model_validator(mode="after")
+    def _fitting(self) -> Self:
+        recurrent = self.network.policy == "MlpLstmPolicy"
+        if recurrent != (self.algorithm.name == "RecurrentPPO"):
+            raise ValueError("Argument `network.policy` must be MlpLstmPolicy for RecurrentPPO, and for it alone")
+        if self.num_envs < len(self.environment.configs):
+            raise ValueError(
+                f"Argument `num_envs` must be at least {len(self.environment.configs)}, one for each variant, "
+                f"but is {self.num_envs}"
+            )
+        return self
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data from which `load` makes the same configuration."""
+        return self.model_dump(mode="json")
+
+
+def load(source: str | Path | Mapping[str, Any], overrides: Sequence[str] = ()) -> TrainConfig:
+    """Build the configuration of a run.
+
+    Args:
+        source: a name among the published ones, a YAML or JSON file, or a mapping.
+        overrides: `path.to.field=value` each, the value as YAML.
+
+    Raises:
+        ConfigError: no such file or name, an unknown field, or a value that cannot be.
+    """
+    if isinstance(source, Mapping):
+        data = dict(source)
+    elif str(source).endswith((".yaml", ".yml", ".json")):
+        data = {"name": Path(source).stem} | read_file(source)
+    else:
+        known = tuple(sorted(path.stem for path in CONFIGS.glob("*.yaml")))
+        if str(source) not in known:
+            raise ConfigError(
+                f"Unknown configuration `{source}`{hint(str(source), known)}; known: {', '.join(known)}, or a file"
+            )
+        data = {"name": str(source)} | read_file(CONFIGS / f"{source}.yaml")
+    for text in overrides:
+        _override(data, text)
+    return validate(TrainConfig, _number(data))
+
+
+def _override(data: dict[str, Any], text: str) -> None:
+    """Put one `path.to.field=value` into nested mappings."""
+    path, equals, value = text.partition("=")
+    if not equals or not path:
+        raise ConfigError(f"Overrides must look like `path.to.field=value`, but one is {text!r}")
+    *parents, last = path.split(".")
+    place = data
+    for part in parents:
+        inside = place.get(part)
+        place[part] = dict(inside) if isinstance(inside, Mapping) else {}
+        place = place[part]
+    try:
+        place[last] = yaml.safe_load(value)
+    except yaml.YAMLError:
+        raise ConfigError(f"The value of `{path}` must be YAML, but is {value!r}") from None

@@ -1,0 +1,175 @@
+"""Policies on episodes that training never sees, beside scripts on the same ones."""
+
+import json
+import math
+import os
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from stable_baselines3.common.base_class import BaseAlgorithm
+
+from agents.layout import Layout
+from agents.learned import Acting
+from agents.playing import LATE, SCORES, play
+from agents.policy import Policy, Task
+from agents.registry import agent
+from agents.statistics import Interval, mean, mean_difference, median
+from relloc_env.samples import Bool, Float, Float32
+from relloc_env.scenarios import seeds
+from train.config import TrainConfig
+
+DITHER = ("change_speed", "change_yaw_rate")
+"""Scores beside `SCORES`: mean change of the commands from one action to the next, shares of the limits [-]."""
+
+Scores = dict[str, Float]
+"""Of every episode, (N,) each."""
+
+
+def policy_of(model: BaseAlgorithm, layout: Layout) -> Callable[[Task], Policy]:
+    """What a model does without exploring, as it is now."""
+    normaliser = model.get_vec_normalize_env()
+
+    def build(task: Task) -> Policy:
+        memory: Any = None
+
+        def decide(rows: Float32, new: Bool) -> Float:
+            nonlocal memory
+            seen = rows if normaliser is None else normaliser.normalize_obs(rows)
+            actions, memory = model.predict(seen, memory, new, deterministic=True)
+            return np.asarray(actions, np.float64)
+
+        return Acting(task, layout, decide)
+
+    return build
+
+
+class _Watched:
+    """A policy whose changes of command are noted."""
+
+    def __init__(self, policy: Policy) -> None:
+        self._policy = policy
+        self._last: Float | None = None
+        self._sum: Float = np.zeros(0)
+        self._count = 0
+        self.knows_truth = getattr(policy, "knows_truth", False)
+
+    def reset(self, n: int, seed: int) -> None:
+        """As the other."""
+        self._policy.reset(n, seed)
+
+    def see(self, poses: Any, points: Any) -> None:
+        """As the other."""
+        self._policy.see(poses, points)  # type: ignore[attr-defined]
+
+    def act(self, observations: Float32) -> Float:
+        """As the other."""
+        actions = self._policy.act(observations)
+        if self._last is not None:
+            change = np.abs(np.clip(actions, -1.0, 1.0) - self._last)[..., :2].mean(axis=1)
+            self._sum = self._sum + change if self._count else change
+            self._count += 1
+        self._last = np.clip(actions, -1.0, 1.0)
+        return actions
+
+    def scores(self, n: int) -> Scores:
+        """`DITHER` of each episode."""
+        mean_change = self._sum / self._count if self._count else np.full((n, 2), np.nan)
+        return dict(zip(DITHER, mean_change.T, strict=True))
+
+
+def evaluate(
+    config: TrainConfig, build: Callable[[Task], Policy], *, episodes: int, which: str = "validation"
+) -> Scores:
+    """Scores of one episode for each of the first seeds of a set, dealt out to the variants in turn."""
+    variants = config.environment.configs
+    chosen = seeds(which, max(episodes, len(variants)))
+    found: list[Scores] = []
+    for k, each in enumerate(variants):
+        watched: list[_Watched] = []
+
+        def watch(task: Task, into: list[_Watched] = watched) -> _Watched:
+            into.append(_Watched(build(task)))
+            return into[-1]
+
+        part = chosen[k :: len(variants)]
+        scores, _ = play(each, watch, part, threads=config.threads)
+        found.append(scores | watched[0].scores(len(part)))
+    return {name: np.concatenate([each[name] for each in found]) for name in (*SCORES, *DITHER)}
+
+
+def compare(config: TrainConfig, *, tell: Callable[[str], None]) -> dict[str, Scores]:
+    """Scores of the agents to compare with, on the validation episodes."""
+    found = {}
+    for name in config.evaluation.agents:
+        tell(name)
+        found[name] = evaluate(config, agent(name), episodes=config.evaluation.episodes)
+    return found
+
+
+def means(scores: Scores) -> dict[str, float]:
+    """One number for each score that there is: medians of times, means of others, and the shares that got there."""
+    found = {}
+    for name, values in scores.items():
+        if not np.isnan(values).all():
+            late = name.startswith(LATE)
+            found[name] = float(np.median(values) if late else np.mean(values))
+            if late:
+                found[f"{name}_share"] = float(np.isfinite(values).mean())
+    return found
+
+
+def intervals(scores: Scores) -> dict[str, dict[str, float | None]]:
+    """As `means`, with 95 % intervals, as plain data; None for "never"."""
+    found: dict[str, dict[str, float | None]] = {}
+    for name, values in scores.items():
+        if not np.isnan(values).all():
+            late = name.startswith(LATE)
+            found[name] = plain(median(values) if late else mean(values))
+            if late:
+                found[f"{name}_share"] = plain(mean(np.isfinite(values).astype(np.float64)))
+    return found
+
+
+def differences(scores: Scores, others: Scores) -> dict[str, dict[str, float | None]]:
+    """Mean paired differences with 95 % intervals, of the scores that are finite everywhere."""
+    return {
+        name: plain(mean_difference(values, others[name]))
+        for name, values in scores.items()
+        if np.isfinite(values).all() and np.isfinite(others[name]).all()
+    }
+
+
+def plain(interval: Interval) -> dict[str, float | None]:
+    """An interval as JSON has it."""
+    return {name: value if math.isfinite(value) else None for name, value in interval._asdict().items()}
+
+
+class Journal:
+    """`evaluation.jsonl`: a line for each evaluation, none of them twice."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+
+    def lines(self) -> list[dict[str, Any]]:
+        """What there is; a line that was not finished is none."""
+        if not self._path.exists():
+            return []
+        whole = self._path.read_text(encoding="utf-8").split("\n")[:-1]
+        return [json.loads(line) for line in whole]
+
+    def rewind(self, steps: int) -> None:
+        """Forget what came after a checkpoint at `steps`."""
+        kept = [line for line in self.lines() if line["steps"] <= steps]
+        partial = self._path.with_suffix(".partial")
+        partial.write_text("".join(json.dumps(line) + "\n" for line in kept), encoding="utf-8")
+        partial.replace(self._path)
+
+    def add(self, line: Mapping[str, Any]) -> None:
+        """Write one more."""
+        text = {name: None if isinstance(v, float) and not math.isfinite(v) else v for name, v in line.items()}
+        with self._path.open("a", encoding="utf-8") as file:
+            file.write(json.dumps(text) + "\n")
+            file.flush()
+            os.fsync(file.fileno())

@@ -1,0 +1,262 @@
+"""One training run in a folder of its own: it goes on from its last checkpoint, however it was stopped."""
+
+import json
+import time
+from copy import deepcopy
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
+from torch.utils.tensorboard import SummaryWriter
+
+from agents.registry import agent
+from relloc_env.config import ConfigError
+from train import checkpoints, export
+from train.config import TrainConfig
+from train.evaluation import Journal, compare, differences, evaluate, intervals, means, policy_of
+from train.models import build, sound
+from train.progress import Show
+
+CONFIG, CHECKPOINT, EVALUATION, SCRIPTS = "config.yaml", "checkpoint.pt", "evaluation.jsonl", "scripts.json"
+POLICY = "policy.onnx"
+SCORED = ("information_10s", "information_mean", "information_end", "change_speed", "change_yaw_rate")
+"""Scores that are drawn in TensorBoard."""
+
+
+class DivergedError(RuntimeError):
+    """A run whose weights are no numbers any more, or absurd."""
+
+
+def train(config: TrainConfig, out: Path, *, command: str = "") -> Path:
+    """Train, from the beginning or from the last checkpoint in the folder, and write what was learned.
+
+    Args:
+        config: of the run.
+        out: its folder, made where it is missing.
+        command: that was given, for the card.
+
+    Returns:
+        The best policy's file, ONNX or where there can be none Stable-Baselines3's.
+
+    Raises:
+        ConfigError: the folder is of another run.
+        DivergedError: the weights are no numbers any more; the last checkpoint stays.
+    """
+    claim(config, out)
+    with Show(config.steps, config.evaluation.score) as show:
+        run = Run(config, out, show)
+        run.learn()
+        return run.finish(command)
+
+
+def claim(config: TrainConfig, out: Path) -> None:
+    """Make the folder a run's, or raise ConfigError where it is of another one."""
+    out.mkdir(parents=True, exist_ok=True)
+    path = out / CONFIG
+    if path.exists():
+        before = yaml.safe_load(path.read_text(encoding="utf-8"))
+        differ = sorted(_differing(before, config.to_dict()))
+        if differ:
+            raise ConfigError(
+                f"Argument `out` must be a folder of its own: the run in {out} has other values of {', '.join(differ)}"
+            )
+    else:
+        partial = out / f".{CONFIG}"
+        partial.write_text(yaml.safe_dump(config.to_dict(), sort_keys=False), encoding="utf-8")
+        partial.replace(path)
+
+
+def _differing(one: Any, other: Any, name: str = "") -> list[str]:
+    """Paths of the fields in which two configurations differ."""
+    if isinstance(one, dict) and isinstance(other, dict):
+        return [
+            path
+            for key in {**one, **other}
+            for path in _differing(one.get(key), other.get(key), f"{name}.{key}" if name else str(key))
+        ]
+    return [] if one == other else [name]
+
+
+class Run:
+    """A model, and what is written about it at pauses between rollouts.
+
+    Attributes:
+        model: of Stable-Baselines3.
+        best: the best policy so far: `score`, `steps`, `policy`, `statistics`.
+    """
+
+    def __init__(self, config: TrainConfig, out: Path, show: Show) -> None:
+        self.config, self._out, self._show = config, out, show
+        self.model: BaseAlgorithm = build(config)
+        self.best: dict[str, Any] = {"score": -np.inf}
+        self._evaluated = self._saved = -1
+        self._seconds, self._since = 0.0, time.monotonic()
+        self._journal = Journal(out / EVALUATION)
+        path = out / CHECKPOINT
+        if path.exists():
+            state = checkpoints.read(path)
+            checkpoints.restore(self.model, state["model"])
+            self.best, self._evaluated, self._saved = state["best"], state["evaluated"], state["saved"]
+            self._seconds = state["seconds"]
+            show.line(f"Goes on from the checkpoint at {self.steps:,} steps")
+        self._journal.rewind(self.steps if path.exists() else -1)
+        self._scripts = self._compare()
+
+    @property
+    def steps(self) -> int:
+        """Steps so far."""
+        return self.model.num_timesteps
+
+    def _compare(self) -> dict[str, dict[str, float]]:
+        """Scores of the scripts, played once for the folder."""
+        path = self._out / SCRIPTS
+        if not path.exists():
+            found = compare(self.config, tell=lambda name: self._show.doing(f"plays {name}"))
+            partial = path.with_suffix(".partial")
+            partial.write_text(json.dumps({name: means(each) for name, each in found.items()}), encoding="utf-8")
+            partial.replace(path)
+        scripts: dict[str, dict[str, float]] = json.loads(path.read_text(encoding="utf-8"))
+        return scripts
+
+    @property
+    def script(self) -> str:
+        """Name of the best script."""
+        score = self.config.evaluation.score
+        return max(self._scripts, key=lambda name: self._scripts[name][score], default="")
+
+    def learn(self) -> None:
+        """Train to the end."""
+        board = _Board(self._out / "tensorboard", self.steps + 1)
+        self.model.set_logger(Logger(str(self._out), [board]))
+        if self.steps < self.config.steps:
+            try:
+                self.model.learn(
+                    self.config.steps - self.steps, callback=_Pauses(self, self._show), reset_num_timesteps=False
+                )
+            except ValueError as error:
+                if not sound(self.model):
+                    raise self._diverged() from error
+                raise
+        board.close()
+
+    def _diverged(self) -> DivergedError:
+        return DivergedError(
+            f"The run diverged after {self.steps:,} steps: its weights are not finite, or absurd. The checkpoint at "
+            f"{self._saved:,} steps stays, its best policy too (python -m train export {self._out}). A lower "
+            "`algorithm.learning_rate` may help, in another folder"
+        )
+
+    def pause(self, *, last: bool = False) -> None:
+        """Between rollouts: evaluate and save, where it is time."""
+        evaluation, steps = self.config.evaluation, self.steps
+        evaluates = last or _due(steps, self._evaluated, evaluation.every)
+        if not (evaluates or _due(steps, self._saved, self.config.checkpoint)):
+            return
+        if not sound(self.model):
+            raise self._diverged()
+        if evaluates and steps > self._evaluated:
+            self._evaluate()
+        self.model.logger.dump(steps)
+        self._saved = steps
+        seconds = self._seconds + time.monotonic() - self._since
+        state = {
+            "model": checkpoints.capture(self.model), "best": self.best, "evaluated": self._evaluated,
+            "saved": self._saved, "seconds": seconds,
+        }  # fmt: skip
+        checkpoints.write(self._out / CHECKPOINT, state)
+
+    def _evaluate(self) -> None:
+        evaluation = self.config.evaluation
+        layout = checkpoints.worlds_of(self.model).layout
+        found = means(evaluate(self.config, policy_of(self.model, layout), episodes=evaluation.episodes))
+        score = found[evaluation.score]
+        if score > self.best["score"]:
+            normaliser = self.model.get_vec_normalize_env()
+            statistics = deepcopy(normaliser.obs_rms) if normaliser is not None else None
+            policy = {name: value.clone() for name, value in self.model.policy.state_dict().items()}
+            self.best = {"score": score, "steps": self.steps, "policy": policy, "statistics": statistics}
+        script = self.script
+        line = {
+            "steps": self.steps, "score": score, "best": self.best["score"], "script": script,
+            "script_score": self._scripts[script][evaluation.score] if script else None, **found,
+        }  # fmt: skip
+        for name in SCORED:
+            if name in found:
+                self.model.logger.record(f"evaluation/{name}", found[name])
+        self.model.logger.record("rollout/episode_return", checkpoints.worlds_of(self.model).episode_return)
+        checkpoints.worlds_of(self.model).clear()
+        self._journal.add(line)
+        self._evaluated = self.steps
+        self._show.evaluated(line)
+
+    def take_best(self) -> None:
+        """Make the model's policy the best one."""
+        self.model.policy.load_state_dict(self.best["policy"])
+        normaliser = self.model.get_vec_normalize_env()
+        if normaliser is not None:
+            normaliser.obs_rms = self.best["statistics"]
+
+    def finish(self, command: str) -> Path:
+        """Write the best policy: as ONNX with its card, as Stable-Baselines3's files, and as a film."""
+        self.take_best()
+        config, out = self.config, self._out
+        layout = checkpoints.worlds_of(self.model).layout
+        self.model.save(out / "policy.zip")
+        normaliser = self.model.get_vec_normalize_env()
+        if normaliser is not None:
+            normaliser.save(str(out / "normalisation.pkl"))
+        self._show.doing("plays the test episodes")
+        metrics: dict[str, Any] = {}
+        if config.evaluation.test:
+            test = {"episodes": config.evaluation.test, "which": "test"}
+            found = evaluate(config, policy_of(self.model, layout), **test)
+            metrics = {"seeds": "test", "episodes": test["episodes"], "scores": intervals(found)}
+            if self.script:
+                others = evaluate(config, agent(self.script), **test)
+                metrics |= {"script": self.script, "over_script": differences(found, others)}
+        about = export.card(
+            config, self.model, command=command, steps=self.best["steps"], seconds=round(self._seconds),
+            validation_score=self.best["score"], metrics=metrics,
+        )  # fmt: skip
+        try:
+            export.save(self.model, about, out / POLICY)
+        except export.NoOnnxError as error:
+            self._show.line(f"{error}: the policy is {out / 'policy.zip'}")
+            return out / "policy.zip"
+        return out / POLICY
+
+
+def _due(steps: int, last: int, every: int) -> bool:
+    """Whether a multiple of `every` lies behind `steps` and not behind `last`."""
+    return steps // every > last // every
+
+
+class _Pauses(BaseCallback):
+    """Hands over to the run between rollouts."""
+
+    def __init__(self, run: Run, show: Show) -> None:
+        super().__init__()
+        self._run, self._show = run, show
+
+    def _on_rollout_start(self) -> None:
+        self._show.at(self.num_timesteps)
+        self._run.pause()
+
+    def _on_step(self) -> bool:
+        return True
+
+    def _on_training_end(self) -> None:
+        self._show.at(self.num_timesteps)
+        self._run.pause(last=True)
+
+
+class _Board(TensorBoardOutputFormat):
+    """TensorBoard's files; what was written after the checkpoint that a run goes on from is taken back."""
+
+    def __init__(self, folder: Path, purge_step: int) -> None:
+        self.writer = SummaryWriter(str(folder), purge_step=purge_step)
+        self._is_closed = False
