@@ -74,9 +74,9 @@ def benchmark(
 ) -> None:
     """Play agents on suites of scenarios and score what they make known. Stopped, it goes on where it was."""
     try:
-        from agents.benchmark import Asked
         from agents.benchmark import benchmark as run
         from agents.demo_progress import bar
+        from agents.jobs import Asked
         from agents.registry import AGENTS
         from relloc_env.scenarios import SUITES
     except ModuleNotFoundError as error:
@@ -108,17 +108,20 @@ def report(
         from agents.report import report as make
     except ModuleNotFoundError as error:
         _stop(f"The package `{error.name}` is missing: pip install -e '.[agents]'")
+    amiss: list[str] = []
     try:
         with bar() as tell:
-            page = make(out, animations=animations, tell=tell)
+            page = make(out, animations=animations, tell=tell, warn=amiss.append)
     except (ValueError, OSError) as error:
         _stop(str(error))
+    for line in amiss:
+        typer.echo(f"Warning: {line}", err=True)
     typer.echo(f"Page: {page}")
 
 
 def _names(text: str) -> tuple[str, ...]:
-    """Names parted by commas."""
-    return tuple(name.strip() for name in text.split(",") if name.strip())
+    """Names parted by commas, each once."""
+    return tuple(dict.fromkeys(name.strip() for name in text.split(",") if name.strip()))
 
 
 def _stop(message: str) -> NoReturn:

@@ -157,7 +157,7 @@ def motions(episodes: Mapping[str, Mapping[str, Episode]], config: EnvConfig, pa
                 axis = axes[1 + j, column]
                 for colour, (label, one) in zip((_colour(robot_colour(0)), "#B0B0B0"), both.items(), strict=True):
                     axis.plot(one.time, unit * one.pose_error[:, 0, j], color=colour, label=label)
-                axis.plot(episode.time, unit * episode.pose_bound[:, j], color="black", ls="--", lw=1.1, label="bound")
+                axis.plot(episode.time, unit * episode.bound[:, j], color="black", ls="--", lw=1.1, label="bound")
                 axis.axhline(SUCCESS[j], color=GREY, lw=0.8, ls=":")
                 axis.set(yscale="log", xlim=(0.0, episode.time[-1]))
             axes[2, column].set(xlabel="time [s]")

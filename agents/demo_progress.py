@@ -14,11 +14,23 @@ Tell = Callable[..., None]
 
 @contextmanager
 def bar() -> Iterator[Callable[[str, float], None]]:
-    """A progress bar with the time left; call what this yields with words and the part that is done."""
+    """A progress bar with the time left; call what this yields with words and the part that is done.
+
+    It is shown from the first call on.
+    """
     columns = (SpinnerColumn(), BarColumn(), TextColumn("{task.percentage:3.0f} %"), TimeRemainingColumn())
-    with Progress(*columns, TextColumn("{task.description}"), console=Console(stderr=True)) as progress:
-        task = progress.add_task("", total=1.0)
-        yield lambda words, part: progress.update(task, completed=part, description=words)
+    progress = Progress(*columns, TextColumn("{task.description}"), console=Console(stderr=True))
+    task = progress.add_task("", total=1.0)
+
+    def tell(words: str, part: float) -> None:
+        progress.start()
+        progress.update(task, completed=part, description=words)
+
+    try:
+        yield tell
+    finally:
+        if progress.live.is_started:
+            progress.stop()
 
 
 class Steps:

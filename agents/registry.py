@@ -63,7 +63,11 @@ def agent(name: str) -> Callable[[Task], Policy]:
     if name not in known:
         close = difflib.get_close_matches(name, known, n=1)
         hint = f"; did you mean `{close[0]}`?" if close else ""
-        raise ValueError(f"Unknown agent `{name}`{hint} Known: {', '.join(known)}")
+        if name.endswith(".py"):
+            hint = f": say `{name}:` and the name of the class in it, as in `{name}:MyAgent`"
+        elif name.endswith(".zip"):
+            hint = f": say `{PREFIX}{name}` for a policy that Stable-Baselines3 saved"
+        raise ValueError(f"Unknown agent `{name}`{hint}; known: {', '.join(known)}")
     return known[name]
 
 

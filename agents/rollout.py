@@ -32,10 +32,9 @@ class Episode:
     """[m] (T + 1, R, M) along the optical axis; NaN where a point is not known yet."""
     pose_error: Float
     """[m, rad] (T + 1, P, 2) distance and angle."""
-    pose_bound: Float
-    """[m, rad] (T + 1, 2) bound of the standard deviation of the pose of B in {A}; zeros for one robot."""
-    worst_bound: Float
-    """[m, rad] (T + 1, 2) worst standard deviation of the bound: of range or position, and of heading."""
+    bound: Float
+    """[m, rad] (T + 1, 2) standard deviations of the bound of the pose of B in {A}: of the position along the worse of
+    A's axes, and of the heading; for one robot, of the worst range, and 0."""
     information: Float
     """[nats] (T + 1,) J of the pose; for one robot, of its depths."""
     seen: Bool
@@ -54,7 +53,7 @@ class Episode:
             success: [m, deg] what counts as found.
         """
         length, angle = success[0], math.radians(success[1])
-        joint = np.maximum(self.worst_bound[:, 0] / length, self.worst_bound[:, 1] / angle)
+        joint = np.maximum(self.bound[:, 0] / length, self.bound[:, 1] / angle)
         bound = first_crossing(self.time, joint, 1.0)
         worst = np.abs(np.nan_to_num(self.depth_error, nan=np.inf)).max(axis=(1, 2))
         error = convergence_time(self.time, worst, length)
@@ -74,8 +73,8 @@ class Episode:
             "worst_depth_error_end_m": _finite(worst[-1]),
             "position_error_end_m": pose_end[0],
             "heading_error_end_deg": pose_end[1],
-            "position_bound_end_m": float(self.pose_bound[-1, 0]),
-            "heading_bound_end_deg": math.degrees(self.pose_bound[-1, 1]),
+            "position_bound_end_m": float(self.bound[-1, 0]),
+            "heading_bound_end_deg": math.degrees(self.bound[-1, 1]),
             "all_seen_by_all": float(self.seen.all(axis=(1, 2)).mean()),
             "blocked": float(self.blocked.mean()),
             "path_m": float(steps.sum(axis=0).mean()),
@@ -125,7 +124,7 @@ def rollout(
 class _Record:
     def __init__(self, env: RellocParallelEnv, task: Task) -> None:
         self._env, self._task = env, task
-        self._names = ("poses", "depth", "pose", "pose_bound", "worst", "information", "seen", "blocked")
+        self._names = ("poses", "depth", "pose", "bound", "information", "seen", "blocked")
         self._kept: dict[str, list[Any]] = {name: [] for name in self._names}
         self._points: Float = np.zeros((task.targets, 3))
         self._frames: list[Frame] = []
@@ -151,10 +150,8 @@ class _Record:
         with np.errstate(divide="ignore", invalid="ignore"):
             error = np.where(known, points[..., COSINE] / points[..., INVERSE_RANGE] - depth, np.nan)
         joint, single = truth["information"]["pose"], truth["information"]["depth"][0]
-        covariance = self._env.core.score.pose_covariance[0]
-        bound = np.sqrt([covariance[0, 0] + covariance[1, 1], covariance[2, 2]])
         now = (
-            poses, error, truth["errors"]["pose"], bound, truth["bound_sd"], joint if robots > 1 else single,
+            poses, error, truth["errors"]["pose"], truth["bound_sd"], joint if robots > 1 else single,
             points[..., 0] > 0.5, task.field(rows, "blocked")[0, :, 0],
         )  # fmt: skip
         for name, value in zip(self._names, now, strict=True):
@@ -171,8 +168,7 @@ class _Record:
             points=self._points,
             depth_error=kept["depth"],
             pose_error=kept["pose"],
-            pose_bound=kept["pose_bound"],
-            worst_bound=kept["worst"],
+            bound=kept["bound"],
             information=kept["information"],
             seen=kept["seen"],
             blocked=kept["blocked"],

@@ -138,6 +138,7 @@ class RecordLog(gym.Wrapper[Any, Any, Any, Any]):
         if not isinstance(inner, RellocEnv):
             raise ConfigError(f"Argument `env` must be an environment of relloc_env, but is {type(inner).__name__}")
         self._core, self._folder, self._truth = inner.core, Path(folder), truth
+        self._configuration = inner.core.config.to_dict()
         self._writer: LogWriter | None = None
         self._episode = 0
 
@@ -151,7 +152,7 @@ class RecordLog(gym.Wrapper[Any, Any, Any, Any]):
             simulation.prior,
             simulation.world.points[0] if self._truth else None,
             robots=ROBOT_NAMES[: self._core.config.robots],
-            configuration=self._core.config.to_dict(),
+            configuration=self._configuration,
         )
         self._writer.add(simulation.first, simulation.first_truth.pose[0] if self._truth else None)
         return result

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from agents import statistics
-from agents.benchmark import Result
 from agents.playing import SCORES, settled
+from agents.results import Result
 from agents.statistics import Interval
 from relloc_env.metrics import chi2_quantile
 from relloc_env.samples import Float

@@ -17,10 +17,10 @@ from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-from agents.benchmark import Result
 from agents.demo_figures import LINES, STYLE
 from agents.playing import DEPTH_SHARE, POSE
 from agents.registry import short
+from agents.results import Result
 from agents.statistics import median
 from relloc_env.samples import Float
 

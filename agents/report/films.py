@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from PIL import Image
 
-from agents.benchmark import Job
+from agents.jobs import Job
 from agents.policy import Task
 from agents.registry import make
 from agents.rollout import rollout

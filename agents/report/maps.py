@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from agents.benchmark import Result
+from agents.results import Result
 from relloc_env.config import EnvConfig
 from relloc_env.rendering import robot_colour, target_colours
 from relloc_env.samples import Float

@@ -3,20 +3,20 @@
 import json
 import math
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
-from agents.benchmark import Asked, Result, load, of
+from agents.jobs import Asked
 from agents.playing import DEPTH_SHARE, POSE
 from agents.registry import group, short
 from agents.report import cells, columns, figures
 from agents.report.films import film
 from agents.report.maps import maps
 from agents.report.summary import plain, summarise
+from agents.results import Result, failures, load, of
 from relloc_env.metrics import chi2_quantile
 
 CHOSEN = 3
@@ -26,24 +26,31 @@ COSTLY = 1.0
 
 Tell = Callable[[str, float], None]
 """Called with what is being done, and the part of all the work that is done."""
+Warn = Callable[[str], None]
+"""Called with a line about what is amiss."""
 
 
-def report(out: Path, *, animations: bool = True, tell: Tell = lambda *_: None) -> Path:
+def report(out: Path, *, animations: bool = True, tell: Tell = lambda *_: None, warn: Warn = lambda _: None) -> Path:
     """Write `report.html` and `summary.json` into a folder of results; return the page's place.
 
     Args:
         out: folder that `agents.benchmark.benchmark` has filled.
         animations: whether each agent's first episode is drawn, which takes some seconds each.
         tell: told what is being done.
+        warn: told which jobs of the benchmark have failed, and which films cannot be drawn.
 
     Raises:
         ValueError: a folder without results.
     """
     asked, results = load(out)
+    failed = failures(out)
     if not results:
-        raise ValueError(f"Argument `out` must be a folder of results, but {out} has none yet")
+        what = f"; failed: {'; '.join(map(str, failed))}" if failed else " yet"
+        raise ValueError(f"Argument `out` must be a folder of results, but {out} has none{what}")
+    for failure in failed:
+        warn(f"failed, and is not on the page: {failure}")
     tell("tables", 0.0)
-    summary = summarise(asked, results, out)
+    summary = summarise(asked, results, failed, out)
     (out / "summary.json").write_text(json.dumps(plain(summary), indent=1, allow_nan=False) + "\n", encoding="utf-8")
     places = {name: k for k, name in enumerate(summary["ranking"])}
     suites = []
@@ -51,13 +58,18 @@ def report(out: Path, *, animations: bool = True, tell: Tell = lambda *_: None) 
         tell(f"figures: {name}", 0.1 + 0.5 * k / len(summary["suites"]))
         suites.append(_suite(name, summary, of(results, suite=name), places))
     films: dict[str, str] = {}
+    unfilmed: dict[str, str] = {}
     for k, name in enumerate(places if animations else ()):
         tell(f"film: {name}", 0.6 + 0.4 * k / len(places))
-        with suppress(ValueError, TypeError):  # Somebody's own, whose file is not there any more.
+        try:
             films[name] = film(_filmed(asked, results, name).job)
+        except Exception as error:  # noqa: BLE001 - anyone's agent may raise anything, or be there no more
+            unfilmed[name] = f"{type(error).__name__}: {error}"
+            warn(f"no film of {name}: {unfilmed[name]}")
     oracles = {result.job.agent for result in results if result.knows_truth}
     page = _environment().get_template("page.html.j2").render(
-        **_about(asked, summary, places, oracles), suites=suites, films=films, film_of=_film_of(asked, results, films),
+        **_about(asked, summary, places, oracles), suites=suites, films=films, unfilmed=unfilmed,
+        film_of=_film_of(asked, results, films),
     )  # fmt: skip
     place = out / "report.html"
     place.write_text(page, encoding="utf-8")

@@ -9,9 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from agents.benchmark import IDS, Asked, Result, of
+from agents.jobs import IDS, Asked
 from agents.registry import group
 from agents.report.columns import J_10, J_END, POSE_SIZE, Figure, figures
+from agents.results import Failure, Result, of
 from agents.statistics import mean_difference
 from relloc_env.metrics import nees_band
 from relloc_env.scenarios import suite
@@ -20,12 +21,13 @@ NEVER = "never"
 """Infinity, in JSON."""
 
 
-def summarise(asked: Asked, results: Sequence[Result], out: Path) -> dict[str, Any]:
+def summarise(asked: Asked, results: Sequence[Result], failed: Sequence[Failure], out: Path) -> dict[str, Any]:
     """Put together all figures of a folder's results.
 
     Args:
         asked: what the folder was asked for.
         results: what is there.
+        failed: what is not, since it raised.
         out: the folder.
     """
     suites: dict[str, Any] = {}
@@ -34,14 +36,18 @@ def summarise(asked: Asked, results: Sequence[Result], out: Path) -> dict[str, A
         parts = {e: _part(of(within, estimator=e), IDS[asked.env]) for e in asked.estimators if of(within, estimator=e)}
         if parts:
             suites[name] = {"about": suite(name).about, "moves_alike": _alike(within), "estimators": parts}
+    ranking, over = _ranking(suites)
     return {
         "command": command(asked, out),
         **asdict(asked),
         "robots": IDS[asked.env],
         "jobs": len(list(asked.jobs())),
         "done": len(results),
+        "failed": [asdict(failure) for failure in failed],
         "nees_band_of_the_mean": nees_band(POSE_SIZE, asked.episodes),
-        "ranking": _ranking(suites),
+        "ranking": ranking,
+        "ranking_over": over,
+        "parts": sum(len(part["estimators"]) for part in suites.values()),
         "suites": suites,
     }
 
@@ -106,11 +112,21 @@ def _alike(results: list[Result]) -> list[str]:
     return [name for name, all_of in ways.items() if all(np.array_equal(all_of[0], one) for one in all_of[1:])]
 
 
-def _ranking(suites: Mapping[str, Any]) -> list[str]:
-    """Agents by their median J at the end, mean over suites and estimators."""
-    found: dict[str, list[float]] = {}
-    for part in suites.values():
-        for one in part["estimators"].values():
+def _ranking(suites: Mapping[str, Any]) -> tuple[list[str], list[dict[str, str]]]:
+    """Agents by their median J at the end, mean over the suites and estimators that all of them have.
+
+    Where all have none in common, mean over what each has.
+
+    Returns:
+        The agents' names, the most informative first, and the pairs of suite and estimator that the order is over.
+    """
+    found: dict[str, dict[tuple[str, str], float]] = {}
+    for where, part in suites.items():
+        for estimator, one in part["estimators"].items():
             for name, about in one["agents"].items():
-                found.setdefault(name, []).append(about["figures"][J_END.key].value)
-    return sorted(found, key=lambda name: -float(np.mean(found[name])))
+                found.setdefault(name, {})[where, estimator] = about["figures"][J_END.key].value
+    first = next(iter(found.values()))
+    over = [place for place in first if all(place in values for values in found.values())]
+    means = {name: float(np.mean([values[k] for k in over or values])) for name, values in found.items()}
+    ranked = sorted(means, key=lambda name: -means[name])
+    return ranked, [{"suite": place, "estimator": estimator} for place, estimator in over]

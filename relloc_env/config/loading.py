@@ -131,8 +131,10 @@ def load_config(config: EnvConfig | Mapping[str, Any] | str | Path | None = None
     from relloc_env.scenarios import scenario  # scenarios are built of configurations
 
     if isinstance(config, EnvConfig):
-        data: dict[str, Any] = {k: v for k, v in config.to_dict().items() if k in config.model_fields_set}
-        if config.estimator is not None and config.estimator.kind == "own":
+        own = config.estimator is not None and config.estimator.kind == "own"
+        told = config.model_copy(update={"estimator": None}) if own else config
+        data: dict[str, Any] = {k: v for k, v in told.to_dict().items() if k in config.model_fields_set}
+        if own:
             data["estimator"] = config.estimator  # a function stays the one it is
     elif isinstance(config, str) and not config.endswith((".yaml", ".yml", ".json")):
         data = {"scenario": config}

@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from relloc_env.config import ConfigError, EnvConfig
-from relloc_env.estimators.config import AnyConfig, MapAlignmentConfig
-from relloc_env.estimators.own import check_estimator
+from relloc_env.estimators.config import AnyConfig, MapAlignmentConfig, OwnConfig
+from relloc_env.estimators.own import check_estimator, check_refreshed
 from relloc_env.estimators.protocol import Estimator
 from relloc_env.estimators.registry import make
 from relloc_env.kernels._compile import inlined, inner, kernel
@@ -217,6 +217,7 @@ class Onboard(Sharing):
         n, r, m, window = num_envs, config.robots, config.targets, config.message_window
         self.pairs = ordered_pairs(r)
         p = len(self.pairs)
+        self._own = estimator is not None or isinstance(config.estimator, OwnConfig)
         if estimator is None and config.estimator is not None:
             estimator = make(informed(config), n, r, m, message_window=window)
         elif estimator is not None:
@@ -260,6 +261,7 @@ class Onboard(Sharing):
                 self.tune(self._middle, rows)
             self.estimator.reset(prior, rows)
             self.estimator.update(first, rows)
+            self._look(rows)
         _tell(*(*self._flat, *first, *self._told, rows, True, self.bare, self._width))
 
     def tune(self, actions: Float, rows: Rows) -> None:
@@ -282,7 +284,13 @@ class Onboard(Sharing):
     def _take(self, samples: Samples, rows: Rows) -> None:
         if self.estimator is not None:
             self.estimator.update(samples, rows)
+            self._look(rows)
         _tell(*(*self._flat, *samples, *self._told, rows, False, self.bare, self._width))
+
+    def _look(self, rows: Rows) -> None:
+        """Look at what an estimator of the user's own has done."""
+        if self._own and self.estimator is not None:
+            check_refreshed(self.estimator, self.estimate, rows)
 
     def get_state(self, rows: Rows) -> dict[str, Any]:
         """Copies of everything that is remembered of the environments `rows`."""

@@ -1,6 +1,7 @@
 """Options of the built-in estimators: frozen, validated where they are built, plain data and back without loss."""
 
 import difflib
+import sys
 from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Annotated, Any, Literal
@@ -188,7 +189,24 @@ class OwnConfig(EstimatorOptions):
 
     @field_serializer("factory", when_used="json")
     def _as_path(self, value: Any) -> str:
-        return value if isinstance(value, str) else f"{value.__module__}:{_name(value)}"
+        if isinstance(value, str):
+            return value
+        if not self.has_place:
+            raise ValueError(
+                "Argument `estimator.factory` must be a class or function that its module has by name, or "
+                f"'path/to/file.py:Name', to be written down as plain data, but is {value!r}"
+            )
+        return f"{value.__module__}:{value.__qualname__}"
+
+    @property
+    def has_place(self) -> bool:
+        """Whether the factory is found again by its name: a lambda, a partial or a function inside another is not."""
+        if isinstance(self.factory, str):
+            return True
+        found: Any = sys.modules.get(getattr(self.factory, "__module__", ""))
+        for part in getattr(self.factory, "__qualname__", "<none>").split("."):
+            found = getattr(found, part, None)
+        return found is self.factory
 
     @property
     def name(self) -> str:
@@ -197,7 +215,8 @@ class OwnConfig(EstimatorOptions):
 
 
 def _name(factory: Any) -> str:
-    """Name of a class or function; of anything else that can be called, that of its class."""
+    """Name of a class or function, behind a partial too; of anything else that can be called, that of its class."""
+    factory = getattr(factory, "func", factory)
     return str(getattr(factory, "__qualname__", type(factory).__qualname__))
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from relloc_env.estimators.checks import check_array
 from relloc_env.estimators.config import OwnConfig
 from relloc_env.estimators.protocol import Estimator
-from relloc_env.samples import Estimate
+from relloc_env.samples import Estimate, Rows
 
 METHODS = ("reset", "update", "get_state", "set_state")
 
@@ -112,3 +112,36 @@ def check_estimator(estimator: Estimator, num_envs: int, robots: int, points: in
         raise ValueError(
             "Argument `estimator.estimate` must be live arrays, refreshed in place, but each look gives other ones"
         )
+
+
+def check_refreshed(estimator: Estimator, estimate: Estimate, rows: Rows) -> None:
+    """Raise where an estimator has put other arrays in the place of those it had, or believes what is no number.
+
+    Args:
+        estimator: after a reset or an update.
+        estimate: what it had when it was made.
+        rows: environments that it worked on.
+
+    Raises:
+        ValueError: arrays that are not refreshed in place, or numbers that are not finite; points that are not known
+            may be anything.
+    """
+    who, now = type(estimator).__name__, estimator.estimate
+    if now is not estimate:
+        for name, one, other in zip(Estimate._fields, estimate, now, strict=True):
+            if one is not other:
+                raise ValueError(
+                    f"Estimator `{who}` must refresh the arrays of its `estimate` in place "
+                    f"(`self.estimate.{name}[rows] = ...`), but has put another one in the place of `{name}`"
+                )
+    known = estimate.known[rows]
+    for name, array in estimate._asdict().items():
+        good = np.isfinite(array[rows])
+        if name.startswith("points"):
+            good |= ~known.reshape(known.shape + (1,) * (good.ndim - known.ndim))
+        if not good.all():
+            row = rows[np.argwhere(~good)[0, 0]]
+            raise ValueError(
+                f"Estimator `{who}` must give finite numbers, but its `estimate.{name}` of environment {row} is "
+                f"{getattr(estimate, name)[row].tolist()}"
+            )

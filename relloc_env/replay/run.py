@@ -88,7 +88,7 @@ class ReplayResult:
             "estimate_exists_below": {"position_sd_m": scores.CERTAIN[0], "heading_sd_rad": scores.CERTAIN[1]},
             "estimators": {
                 name: {
-                    "config": runs[0].config.model_dump(mode="json"),
+                    "config": _plain(runs[0].config),
                     "depth": scores.summarise_tracks([track for run in runs for track in run.tracks]),
                     "pose": self._pose(runs),
                     "logs": [run.summary() for run in runs],
@@ -133,6 +133,12 @@ class ReplayResult:
         from relloc_env.replay.figures import draw
 
         return [results, series, *draw(self, folder)]
+
+
+def _plain(config: Config) -> dict[str, Any]:
+    """A configuration as plain data; a factory that cannot be found again is left out."""
+    placed = not isinstance(config, OwnConfig) or config.has_place
+    return config.model_dump(mode="json", exclude=None if placed else {"factory"})
 
 
 def trace(log: Log, config: Config, progress: Callable[[float], None] | None = None) -> scores.Trace:

@@ -132,7 +132,8 @@ class PoseErrors(NamedTuple):
     nees: Float
     """(T,) error in units of the claimed covariance, squared."""
     shared: Bool
-    """(T,) whether both maps hold two common points: the least from which the pose follows."""
+    """(T,) whether both maps hold two common points: the least from which the pose follows. Of an estimator without
+    maps: whether both robots have seen two."""
     exists: Bool
     """(T,) whether an estimate exists: shared, and the claimed standard deviations are within `CERTAIN`."""
     bound: Float | None = None
@@ -157,7 +158,9 @@ def pose_errors(
     whitened = error[usable] / sd
     correlation = covariance[usable] / (sd[:, :, None] * sd[:, None, :]) + 1e-12 * np.eye(3)
     honest[usable] = np.einsum("ti,ti->t", whitened, np.linalg.solve(correlation, whitened[..., None])[..., 0])
-    shared = (trace.known[:, observer] & trace.known[:, observed]).sum(axis=1) >= 2
+    # An estimator that keeps no map is judged from when both robots have seen two common points.
+    held = trace.known if trace.known.any() else np.logical_or.accumulate(log.samples.seen[0], axis=0)
+    shared = (held[:, observer] & held[:, observed]).sum(axis=1) >= 2
     spread = np.sqrt(np.maximum(variance[:, 0] + variance[:, 1], 0.0))
     certain = usable & (spread <= CERTAIN[0]) & (np.sqrt(np.maximum(variance[:, 2], 0.0)) <= CERTAIN[1])
     if bound is None:
@@ -183,7 +186,7 @@ class PoseSeries(NamedTuple):
     ratio: Float
     """Whitened errors; NaN where there is no bound."""
     seconds_shared: int
-    """Seconds in which both maps held two common points (and the truth is known)."""
+    """Seconds in which that was so, see `PoseErrors.shared`, and the truth is known."""
 
 
 def per_second(time: Float, errors: PoseErrors) -> PoseSeries:

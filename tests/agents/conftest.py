@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from agents.benchmark import Asked, benchmark
+from agents.benchmark import benchmark
+from agents.jobs import Asked
 from relloc_env import scenarios
 
 ROOT = Path(__file__).resolve().parents[2]

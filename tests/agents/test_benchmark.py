@@ -1,4 +1,5 @@
 import hashlib
+import json
 import os
 import signal
 import subprocess
@@ -11,9 +12,12 @@ import pytest
 from typer.testing import CliRunner
 
 from agents.__main__ import app
-from agents.benchmark import Asked, Job, benchmark, load, of, run
+from agents.benchmark import benchmark, run
+from agents.jobs import Asked, Job
 from agents.policy import Task
 from agents.registry import make
+from agents.report import report
+from agents.results import Failure, failures, load, of
 from agents.rollout import rollout
 from relloc_env.envs.parallel import RellocParallelEnv
 from relloc_env.scenarios import seeds
@@ -157,6 +161,9 @@ class TestAnyonesAgent:
             ("none.py:MyAgent", "Argument `agents` must lead to a class or function, but 'none.py:MyAgent' does not"),
             ("math:pi", "Argument `agents` must lead to a class or function, but 'math:pi' is float"),
             ("back-and-fort", "Unknown agent `back-and-fort`; did you mean `back-and-forth`?"),
+            ("my_agent.py", "Unknown agent `my_agent.py`: say `my_agent.py:` and the name of the class in it"),
+            ("policy.zip", "Unknown agent `policy.zip`: say `learned:policy.zip`"),
+            (",", "Argument `agents` must name at least one"),
         ],
     )
     def test_paths_that_lead_nowhere(self, agent, message, tmp_path):
@@ -164,6 +171,68 @@ class TestAnyonesAgent:
         assert result.exit_code == 2
         assert message in result.output
         assert not (tmp_path / "out").exists()
+
+
+FAILS = """
+class Fails:
+    def __init__(self, task): pass
+    def reset(self, n, seed): pass
+    def act(self, rows):
+        if FAR and rows.shape[1] == 2:
+            raise RuntimeError("out of fuel")
+        return 0.0 * rows[..., :2]
+"""
+
+
+class TestFailed:
+    def test_who_failed_is_told_and_not_listed(self, tmp_path):
+        path, out = tmp_path / "fails.py", tmp_path / "out"
+        name = f"{path}:Fails"
+        asked = Asked("relloc_env/RelativePose-v0", ("tiny",), (name, "straight"), ("cascade",), 2, "validation")
+        path.write_text(FAILS.replace("FAR", "True"), "utf-8")
+        with pytest.raises(
+            ValueError, match=r"what was is kept. tiny: .*:Fails \(cascade\): RuntimeError: out of fuel"
+        ):
+            benchmark(asked, out, cores=1)
+        kept, found = load(out)
+        assert kept.agents == ("straight",)
+        assert [r.job.agent for r in found] == ["straight"]
+        assert failures(out) == [Failure("tiny", name, "cascade", "RuntimeError: out of fuel")]
+        lines: list[str] = []
+        page = report(out, animations=False, warn=lines.append).read_text("utf-8")
+        assert lines == [f"failed, and is not on the page: tiny: {name} (cascade): RuntimeError: out of fuel"]
+        assert "on tiny with cascade: RuntimeError: out of fuel" in page
+        summary = json.loads((out / "summary.json").read_text("utf-8"))
+        assert summary["failed"] == [
+            {"suite": "tiny", "agent": name, "estimator": "cascade", "error": "RuntimeError: out of fuel"}
+        ]
+        assert (summary["jobs"], summary["done"], name in summary["command"]) == (1, 1, False)
+        # Mended, it is as any other.
+        path.write_text(FAILS.replace("FAR", "False"), "utf-8")
+        sys.modules.pop(str(path.resolve()))
+        benchmark(asked, out, cores=1)
+        assert failures(out) == []
+        assert set(load(out)[0].agents) == set(asked.agents)
+
+    def test_who_failed_in_part_keeps_the_rest(self, tmp_path):
+        path, out = tmp_path / "fails.py", tmp_path / "out"
+        path.write_text(FAILS.replace("FAR and rows.shape[1] == 2", "rows.shape[0] == 3"), "utf-8")
+        name = f"{path}:Fails"  # of three episodes, `split` has two and one side by side
+        asked = Asked("relloc_env/RelativePose-v0", ("tiny", "split"), (name,), ("cascade",), 3, "validation")
+        with pytest.raises(ValueError, match="out of fuel"):
+            benchmark(asked, out, cores=1)
+        kept, found = load(out)
+        assert (kept.suites, kept.agents) == (("split",), (name,))
+        assert [failure.suite for failure in failures(out)] == ["tiny"]
+        assert len(found) == 1
+
+    def test_what_cannot_be_built_is_told(self, tmp_path):
+        path = tmp_path / "odd.py"
+        path.write_text("class Odd:\n    def __init__(self, task): self.none.such\n", "utf-8")
+        result = call("--out", tmp_path / "out", "--agents", f"{path}:Odd", "--suite", "tiny")
+        assert result.exit_code == 2
+        assert "Error: Argument `agents` must lead to a class that takes a task, but" in result.output
+        assert "AttributeError: 'Odd' object has no attribute 'none'" in result.output
 
 
 class TestAsked:
@@ -174,13 +243,16 @@ class TestAsked:
             ("--estimators", "cascad", "'cascade'?"),
             ("--seeds", "tests", "Unknown set of seeds `tests`; did you mean `test`?"),
             ("--env", "relloc_env/RelativePose", "Argument `env` must be one of relloc_env/ActiveDepth-v0"),
-            ("--episodes", "10001", "from 1 to 10000"),
+            ("--episodes", "10001", "Argument `episodes` must be from 1 to 10000 for the seeds `test`, but is 10001"),
         ],
     )
     def test_unknown_names(self, option, value, message, tmp_path):
         result = call("--out", tmp_path / "out", option, value)
         assert result.exit_code == 2
         assert message in result.output
+        # One line: there is no bar over what was never begun.
+        assert result.output.startswith("Error: ")
+        assert result.output.count("\n") == 1
 
     def test_a_folder_holds_results_of_one_kind(self, results):
         asked, _ = load(results("RelativePose-v0"))

@@ -30,8 +30,7 @@ def episode(**changes):
         "points": np.zeros((2, 3)),
         "depth_error": np.full((4, 2, 2), 0.01),
         "pose_error": np.zeros((4, 2, 2)),
-        "pose_bound": np.full((4, 2), 0.02),
-        "worst_bound": np.array([[1.0, 1.0], [0.04, 0.5], [0.04, 0.02], [0.04, 0.02]]),
+        "bound": np.array([[1.0, 1.0], [0.04, 0.5], [0.04, 0.02], [0.04, 0.02]]),
         "information": np.array([0.0, 1.0, 3.0, 4.0]),
         "seen": np.ones((4, 2, 2), np.bool_),
         "blocked": np.zeros((4, 2)),
@@ -54,7 +53,7 @@ class TestSummary:
     def test_never(self):
         pose_error = np.zeros((4, 2, 2))
         pose_error[-1, 0, 1] = np.radians(1.6)
-        found = episode(pose_error=pose_error, worst_bound=np.ones((4, 2))).summary()
+        found = episode(pose_error=pose_error, bound=np.ones((4, 2))).summary()
         assert found["bound_reached_s"] is None
         assert found["errors_settled_s"] is None
         assert found["heading_error_end_deg"] == pytest.approx(1.6)

@@ -5,6 +5,7 @@ import json
 import re
 import shutil
 import subprocess
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -14,11 +15,13 @@ from scipy import stats
 from typer.testing import CliRunner
 
 from agents.__main__ import app
-from agents.benchmark import Asked, benchmark, load, of
+from agents.benchmark import benchmark
+from agents.jobs import Asked
 from agents.registry import SCRIPTED
 from agents.report import cells, figures, report
 from agents.report.films import film
 from agents.report.summary import NEVER, summarise
+from agents.results import load, of
 from tests.agents.conftest import tiny
 
 pytestmark = pytest.mark.usefixtures("tiny_suites")
@@ -171,6 +174,42 @@ def test_part_of_a_benchmark_has_its_page_too(tmp_path, results):
     assert "3 of 16 results are there" in page
 
 
+def test_order_is_over_what_all_have(results):
+    """`edge` has the least in `tiny` and the most in `split`, where `circle` is not: they are compared in `tiny`."""
+    folder = results("RelativePose-v0")
+    asked, found = load(folder)
+    ends = {("tiny", "edge"): 1.0, ("tiny", "circle"): 2.0, ("split", "edge"): 9.0, ("tiny", "straight"): 1.5}
+    some = [
+        replace(r, scores=r.scores | {"information_end": np.full(8, ends[r.job.suite, r.job.agent])})
+        for r in of(found, estimator="cascade")
+        if (r.job.suite, r.job.agent) in ends
+    ]
+    summary = summarise(asked, some, [], folder)
+    assert summary["ranking"] == ["circle", "straight", "edge"]
+    assert summary["ranking_over"] == [{"suite": "tiny", "estimator": "cascade"}]
+    assert summary["parts"] == 2
+    # Where nothing is common, each has the mean of its own.
+    apart = summarise(asked, [r for r in some if r.job.suite != "tiny" or r.job.agent != "edge"], [], folder)
+    assert apart["ranking"] == ["edge", "circle", "straight"]
+    assert apart["ranking_over"] == []
+
+
+def test_films_that_cannot_be_drawn_are_told(tmp_path):
+    own = tmp_path / "gone.py"
+    own.write_text("from agents.feedback import Edge\n", "utf-8")
+    name = f"{own}:Edge"
+    asked = Asked("relloc_env/RelativePose-v0", ("tiny",), (name, "straight"), ("cascade",), 2, "validation")
+    benchmark(asked, tmp_path / "out", cores=1)
+    own.unlink()
+    sys.modules.pop(str(own.resolve()))
+    lines: list[str] = []
+    page = report(tmp_path / "out", warn=lines.append).read_text("utf-8")
+    assert len(lines) == 1
+    assert lines[0].startswith(f"no film of {name}: ValueError: Argument `agents` must lead to a class or function")
+    assert html.escape(f"No film of {name}: ValueError: Argument `agents`", quote=False) in html.unescape(page)
+    assert page.count("data:image/webp") == 1
+
+
 def test_film_is_a_moving_picture(results):
     _, found = load(results("RelativePose-v0"))
     head, _, data = film(of(found, suite="tiny", agent="edge")[0].job).partition(",")
@@ -206,7 +245,7 @@ def test_censored_times_are_told(results):
     asked, found = load(results("RelativePose-v0"))
     late = np.array([1.0, 2.0, 3.0, np.inf, np.inf, np.inf, np.inf, np.inf])
     results_ = [replace(r, scores=r.scores | {"time_pose": late, "time_bound_pose": late}) for r in found]
-    part = summarise(asked, results_, results("RelativePose-v0"))["suites"]["tiny"]["estimators"]["cascade"]
+    part = summarise(asked, results_, [], results("RelativePose-v0"))["suites"]["tiny"]["estimators"]["cascade"]
     (told, made, _) = cells.tables(part, (2.0, 4.0), 2)
     for table, head in ((told, "pose known"), (made, "pose found")):
         k = [one.text for one in table.heads].index(head)

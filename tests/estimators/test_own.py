@@ -196,6 +196,103 @@ def test_what_a_factory_makes_is_looked_at_once(name: str) -> None:
         gym.make(ID, estimator=factory)
 
 
+class Rebinds(Ahead):
+    def update(self, samples: Samples, rows: Rows) -> None:
+        super().update(samples, rows)
+        self.estimate = self.estimate._replace(pose=self.estimate.pose + 0.0)
+
+
+class Breaks(Ahead):
+    """Believes nothing that is a number after the second update, of what was seen."""
+
+    field, value, where = "pose", np.nan, ()
+
+    def update(self, samples: Samples, rows: Rows) -> None:
+        super().update(samples, rows)
+        if len(self.rows_seen) > 2:
+            getattr(self.estimate, self.field)[(rows[-1:], *self.where)] = self.value
+
+
+def breaks(**what: Any) -> Any:
+    return type("Breaks", (Breaks,), what)
+
+
+@pytest.mark.parametrize("door", [gym.make, lambda name, estimator: gym.make_vec(name, 2, estimator=estimator)])
+def test_arrays_that_are_not_refreshed_in_place(door: Any) -> None:
+    env = door(ID, estimator=Rebinds)
+    with pytest.raises(ValueError, match=r"Estimator `Rebinds` must refresh .* another one in the place of `pose`"):
+        env.reset(seed=1)
+    bare = EstimateObservation(gym.make(ID, estimator=None), Rebinds)
+    with pytest.raises(ValueError, match="Estimator `Rebinds` must refresh"):
+        bare.reset(seed=1)
+
+
+@pytest.mark.parametrize(
+    ("what", "broken"),
+    [
+        ({}, True),
+        ({"value": np.inf}, True),
+        ({"field": "points"}, True),
+        ({"field": "points", "where": (0, 1, 2)}, True),
+        ({"field": "points_covariance"}, True),
+        ({"field": "pose_covariance"}, True),
+        ({"field": "pose_covariance", "value": np.inf}, True),
+        # What is not known may be anything.
+        ({"field": "known", "value": False}, False),
+    ],
+)
+def test_beliefs_that_are_no_numbers(what: dict[str, Any], broken: bool) -> None:
+    env = gym.make_vec(ID, num_envs=3, estimator=breaks(**what))
+    env.reset(seed=1)
+    if not broken:
+        assert np.isfinite(env.step(np.zeros((3, 4)))[0]).all()
+        return
+    name = what.get("field", "pose")
+    with pytest.raises(
+        ValueError, match=rf"Estimator `Breaks` must give finite numbers, but its `estimate.{name}` of env.* 2 "
+    ):
+        env.step(np.zeros((3, 4)))
+
+
+@pytest.mark.parametrize(
+    "factory", [functools.partial(Ahead), lambda *numbers, **more: Ahead(*numbers, **more | {}), breaks()]
+)
+def test_what_has_no_place_is_not_written_down(factory: Any, tmp_path: Path) -> None:
+    config = load_config(estimator=factory)
+    with pytest.raises(
+        ValueError, match=r"`estimator.factory` must be a class or function that its module has by name"
+    ):
+        config.to_dict()
+    with pytest.raises(ValueError, match=r"`estimator.factory` must be"):
+        RecordLog(gym.make(ID, estimator=factory), tmp_path)
+    assert load_config(config, max_cycles=3).estimator == config.estimator
+
+
+class Guess(Ahead):
+    """Keeps no map; sure of its first guess."""
+
+    def update(self, samples: Samples, rows: Rows) -> None:
+        self.estimate.pose_covariance[rows] = 0.01 * np.eye(3)
+
+
+def test_a_replay_scores_the_pose_of_who_keeps_no_map(tmp_path: Path) -> None:
+    env = RecordLog(gym.make(ID, estimator="cascade", max_cycles=12), tmp_path / "logs")
+    env.reset(seed=2)
+    for _ in range(12):
+        env.step(np.zeros(4))
+    run = replay(tmp_path / "logs" / "episode_000", estimator=functools.partial(Guess), out=tmp_path / "out")
+    scored = json.loads((tmp_path / "out" / "replay.json").read_text("utf-8"))["estimators"]["Guess"]
+    assert scored["config"] == {"kind": "own"}
+    assert scored["pose"]["seconds_with_two_common_points"] > 0
+    assert scored["pose"]["seconds_with_estimate"] == scored["pose"]["seconds_with_two_common_points"]
+    # The robots stood: the error is that of the first guess.
+    log, errors = run.runs["Guess"][0].log, run.runs["Guess"][0].poses[0]
+    assert log.truth is not None
+    off = log.prior.pose[0, 0, :2] - log.truth.relative[0, 0, :2]
+    assert np.allclose(np.hypot(*errors.error[-1, :2]), np.hypot(*off), atol=0.02)
+    assert scored["pose"]["median_position_error_m"] == pytest.approx(np.hypot(*off), abs=0.02)
+
+
 def test_what_an_object_believes_is_looked_at_too() -> None:
     with pytest.raises(
         ValueError, match=r"`estimator.estimate.points` must be .* \(1, 2, 2, 3\), but is .* \(2, 2, 2, 3\)"

@@ -1,0 +1,133 @@
+"""What a benchmark of motions is asked for, and the jobs that this makes: one agent, one suite, one estimator each."""
+
+import hashlib
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import relloc_env
+from agents.learned import PREFIX, files
+from agents.policy import Task
+from agents.registry import agent, short
+from relloc_env.config import EnvConfig, load_config
+from relloc_env.scenarios import SEEDS, seeds, suite
+
+IDS = {"relloc_env/ActiveDepth-v0": 1, "relloc_env/RelativePose-v0": 2}
+"""Number of robots of each id."""
+ALIGN_EVERY = 20
+"""[samples] between two alignments of `map-alignment` in the benchmark: one a second."""
+
+
+@cache
+def code_digest() -> str:
+    """Digest of the sources that results depend on: the package's and the agents'."""
+    roots = (Path(relloc_env.__file__).parent, Path(__file__).parent)
+    files = sorted(path for root in roots for path in root.rglob("*.py") if "report" not in path.parts)
+    return hashlib.sha256(b"".join(path.read_bytes() for path in files)).hexdigest()[:12]
+
+
+def file_digest(name: str) -> str:
+    """Digest of the files that an agent or estimator with a path is read from; nothing for one of the project's."""
+    own = name.rpartition(":")[0]
+    sources = files(name.removeprefix(PREFIX)) if name.startswith(PREFIX) else [Path(own)] if own else []
+    found = [each.read_bytes() for each in sources if each.is_file()]
+    return hashlib.sha256(b"".join(found)).hexdigest()[:12] if found else ""
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What a folder of results holds."""
+
+    env: str
+    suites: tuple[str, ...]
+    agents: tuple[str, ...]
+    estimators: tuple[str, ...]
+    episodes: int
+    seeds: str
+    version: str = field(default_factory=lambda: f"{relloc_env.__version__}+{code_digest()}")
+    """Of the code that made the results."""
+
+    def check(self) -> None:
+        """Raise ValueError for a name that is none, or an agent or estimator that cannot be built."""
+        if self.env not in IDS:
+            raise ValueError(f"Argument `env` must be one of {', '.join(IDS)}, but is {self.env!r}")
+        for argument in ("suites", "agents", "estimators"):
+            if not getattr(self, argument):
+                raise ValueError(f"Argument `{argument}` must name at least one, but names none")
+        for name in self.suites:
+            suite(name)
+        most = len(SEEDS.get(self.seeds, ()))
+        if most and not 1 <= self.episodes <= most:
+            raise ValueError(
+                f"Argument `episodes` must be from 1 to {most} for the seeds `{self.seeds}`, but is {self.episodes}"
+            )
+        seeds(self.seeds, self.episodes)
+        configurations = [load_config(None, robots=IDS[self.env], estimator=name) for name in self.estimators]
+        for name in self.agents:
+            build = agent(name)
+            try:
+                build(Task.of(configurations[0]))
+            except ValueError:
+                raise
+            except Exception as error:  # anyone's agent may raise anything
+                raise ValueError(
+                    f"Argument `agents` must lead to a class that takes a task, but {name!r}: "
+                    f"{type(error).__name__}: {error}"
+                ) from error
+
+    def jobs(self) -> Iterator["Job"]:
+        """Everything there is to do."""
+        for name in self.suites:
+            for estimator in self.estimators:
+                for each in self.agents:
+                    yield Job(self.env, name, each, estimator, self.episodes, self.seeds)
+
+
+@dataclass(frozen=True)
+class Job:
+    """One agent on one suite with one estimator."""
+
+    env: str
+    suite: str
+    agent: str
+    estimator: str
+    episodes: int
+    seeds: str
+
+    @property
+    def files(self) -> str:
+        """Digest of the files that its agent and estimator are read from; nothing where these are the project's."""
+        return file_digest(self.agent) + file_digest(self.estimator)
+
+    @property
+    def title(self) -> str:
+        """What it is, in words."""
+        return f"{self.suite}: {self.agent} ({self.estimator})"
+
+    @property
+    def file(self) -> str:
+        """Name of its file of results."""
+        return f"{self.suite}--{_slug(self.agent)}--{_slug(self.estimator)}.npz"
+
+    def configurations(self) -> list[tuple[EnvConfig, list[int]]]:
+        """The configuration of each variant of the suite, and its seeds."""
+        dealt = suite(self.suite).deal(seeds(self.seeds, self.episodes))
+        return [(configure(dict(options), IDS[self.env], self.estimator), each) for options, each in dealt]
+
+
+def configure(options: dict[str, Any], robots: int, estimator: str) -> EnvConfig:
+    """The configuration of a suite's options for an id, with an estimator; map alignment aligns once a second."""
+    config = load_config(options, robots=robots, estimator=estimator)
+    inside = config.estimator
+    if inside is not None and inside.kind == "map-alignment":
+        stated = {**inside.model_dump(exclude_unset=True), "align_every": ALIGN_EVERY, "kind": inside.kind}
+        config = load_config(options, robots=robots, estimator=stated)
+    return config
+
+
+def _slug(name: str) -> str:
+    """A name as part of a file's name: of one with a path, its short name and a mark of the whole."""
+    return f"{short(name)}-{zlib.crc32(name.encode()):08x}" if ":" in name else name
