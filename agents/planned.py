@@ -13,7 +13,7 @@ from agents.policy import Task
 from agents.search import Search, SearchOptions, interpolation
 from relloc_env.envs.onboard import POINT
 from relloc_env.metrics import wrap
-from relloc_env.samples import Bool, Float, Float32, Rows
+from relloc_env.samples import Float, Float32, Rows
 
 SEEN, SINE, COSINE, ELEVATION, INVERSE_RANGE = 0, 3, 4, 5, 6
 """Places within a point of the field `points`."""
@@ -27,8 +27,7 @@ def believed(task: Task, observations: Float32) -> tuple[Float, Float]:
     A point that A does not know is taken from the other robot's message; NaN where neither knows it.
     """
     n = len(observations)
-    reckoned = task.field(observations, "dead_reckoning")[:, 0]
-    own = np.stack([reckoned[:, 0], reckoned[:, 1], np.arctan2(reckoned[:, 2], reckoned[:, 3])], axis=-1)
+    own = reckoned(task, observations)[:, 0]
     poses = np.zeros((n, task.robots, 3))
     poses[:, 0] = own
     points = _placed(task, 0, own, task.field(observations, "points")[:, 0].reshape(n, task.targets, POINT))
@@ -43,6 +42,16 @@ def believed(task: Task, observations: Float32) -> tuple[Float, Float]:
             other = _placed(task, r, poses[:, r], told[:, r - 1])
             points = np.where(np.isfinite(points), points, other)
     return poses, points
+
+
+def reckoned(task: Task, observations: Float32) -> Float:
+    """Poses [m, m, rad] (N, R, 3) by dead reckoning, each robot's in its own axes, as robot A was told last."""
+    parts = [task.field(observations, "dead_reckoning")[:, :1]]
+    if task.robots > 1:
+        told = task.field(observations, "message_motion")[:, 0]
+        parts.append(told.reshape(len(told), task.robots - 1, -1))
+    motion = np.concatenate(parts, axis=1)
+    return np.stack([motion[..., 0], motion[..., 1], np.arctan2(motion[..., 2], motion[..., 3])], axis=-1)
 
 
 def _placed(task: Task, robot: int, pose: Float, fields: Float) -> Float:
@@ -75,27 +84,42 @@ class Planner:
         task = self._task
         self._search = Search(task.config, n, seed, self._options, threads=self._threads)
         self._actions: Float = np.zeros((n, self._search.steps, task.robots, 2))
-        self._last: Float = np.zeros((n, task.robots, 2))
         self._done: Rows = np.zeros(n, np.int64)
-        self._running: Bool = np.zeros(n, np.bool_)
+        self._begun: Rows = np.full(n, -1)
+        self._reckoned: list[Float] = []
+        self._chosen: list[Float] = []
 
     def act(self, observations: Float32) -> Float:
         """Keep to the plan; make new ones where it is time to."""
         search, rows = self._search, np.arange(len(observations))
-        started = (self._task.time(observations) == 0.0) | ~self._running
-        poses, points = believed(self._task, observations)
-        if not started.all():
-            search.now.core.step(self._last, rows[~started])
-            search.now.believe(poses, points, rows[~started])
-        if started.any():
-            search.start(poses, points, rows[started])
-            self._running[started], self._done[started] = True, 0
+        started = (self._task.time(observations) == 0.0) | (self._begun < 0)
+        if started.all():
+            self._reckoned, self._chosen = [], []
+        self._begun[started] = len(self._reckoned)
+        self._reckoned.append(reckoned(self._task, observations))
         if started.any() or (self._done >= search.every).any():
+            poses, points = believed(self._task, observations)
+            if started.any():
+                search.start(poses, points, rows[started])
+                self._done[started] = 0
+            self._retrace(poses, points)
             self._actions = search.actions(self._done)
             self._done[:] = 0
-        self._last = self._actions[rows, np.minimum(self._done, search.steps - 1)]
+        self._chosen.append(self._actions[rows, np.minimum(self._done, search.steps - 1)])
         self._done += 1
-        return self._last.copy()
+        return self._chosen[-1].copy()
+
+    def _retrace(self, poses: Float, points: Float) -> None:
+        """Tell the search of the past: where dead reckoning has the robots, seen from where they are believed now."""
+        past, last = np.stack(self._reckoned), self._reckoned[-1]
+        turn = poses[..., 2] - last[..., 2]
+        cos, sin = np.cos(turn), np.sin(turn)
+        x, y = past[..., 0] - last[..., 0], past[..., 1] - last[..., 1]
+        was = np.stack([poses[..., 0] + cos * x - sin * y, poses[..., 1] + sin * x + cos * y, past[..., 2] + turn], -1)
+        actions = np.array(self._chosen).reshape(-1, *last.shape[:2], 2)
+        for first in np.unique(self._begun):
+            rows = np.flatnonzero(self._begun == first)
+            self._search.now.retrace(was[first:], actions[first:], points, rows)
 
 
 class OpenLoop:
@@ -115,7 +139,7 @@ class OpenLoop:
     knows_truth = True
 
     def __init__(
-        self, task: Task, *, rounds: int = 40, knots: int = 41, threads: int | None = 1, **options: Any
+        self, task: Task, *, rounds: int = 12, knots: int = 41, threads: int | None = 1, **options: Any
     ) -> None:
         self._task, self._rounds, self._knots = task, rounds, knots
         self._threads, self._options = threads, SearchOptions(**options)

@@ -1,13 +1,16 @@
 """The search for good sequences of actions, in worlds that can be tried out: the cross-entropy method.
 
-R. Rubinstein, "The cross-entropy method for combinatorial and continuous optimization", Methodology and Computing in
-Applied Probability 1, 1999; with each plan started from the one before (model-predictive control).
+Steering laws are tried first, then changes to the best sequence. R. Rubinstein, "The cross-entropy method for
+combinatorial and continuous optimization", Methodology and Computing in Applied Probability 1, 1999; with each plan
+started from the one before (model-predictive control).
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
+from agents.laws import Laws
 from relloc_env.config import EnvConfig
 from relloc_env.envs.belief import BeliefModel
 from relloc_env.samples import Float, Rows
@@ -20,11 +23,11 @@ class SearchOptions:
     horizon: float = 6.0
     """[s] how far a plan looks."""
     knots: int = 5
-    """in a plan, at least 2: actions are interpolated between them."""
+    """in a plan, at least 2: changes to its actions are interpolated between them."""
     samples: int = 48
     """plans that are tried at a time."""
     iterations: int = 3
-    """times that plans are drawn around the best of before."""
+    """times that plans are drawn: first laws, then changes to the best of them."""
     every: float = 1.0
     """[s] between two plans."""
     mean_weight: float = 0.3
@@ -34,8 +37,8 @@ class SearchOptions:
 
 
 ELITE = 0.12
-"""Share of the plans around which the next ones are drawn."""
-SPREAD = (0.8, 0.15)
+"""Share of the changes around which the next ones are drawn."""
+SPREAD = (0.5, 0.1)
 """[-] first and least standard deviation of a knot."""
 START = 0.8
 """[-] speed of the first plan."""
@@ -81,7 +84,9 @@ class Search:
         self.tried = BeliefModel(config, num_envs, options.samples, threads, walls=walls)
         self._basis = interpolation(self.steps, options.knots)
         self._stream = np.random.default_rng(seed)
-        self.plan: Float = np.zeros((num_envs, options.knots, config.robots, 2))
+        self.plan: Float = np.zeros((num_envs, self.steps, config.robots, 2))
+        """Actions of the plans, [-] (N, steps, R, 2)."""
+        self._config = config
 
     def start(self, poses: Float, points: Float, rows: Rows) -> None:
         """Begin the episodes `rows`; see `BeliefModel.start`."""
@@ -92,41 +97,54 @@ class Search:
     def actions(self, done: Rows) -> Float:
         """Improve all plans, of which `done` (N,) steps have gone by; return their actions (N, steps, R, 2)."""
         options, count = self.options, len(self.plan)
-        mean = self._moved_on(done)
-        spread = np.full(mean.shape, SPREAD[0])
-        best, best_value = mean, np.full(count, -np.inf)
+        base, best_value = self._begun(done)
+        mean = np.zeros((count, options.knots, *base.shape[2:]))
+        spread, best = np.full(mean.shape, SPREAD[0]), mean
         few = max(2, round(ELITE * options.samples))
-        for _ in range(options.iterations):
+        for _ in range(options.iterations - 1):
             drawn = self._stream.standard_normal((count, options.samples, *mean.shape[1:]))
-            plans = mean[:, None] + spread[:, None] * drawn
-            plans[:, 0] = best
-            np.clip(plans, -1.0, 1.0, out=plans)
-            value = self.value(plans)
+            changes = mean[:, None] + spread[:, None] * drawn
+            changes[:, 0] = best
+            value = self.value(base, changes)
             order = np.argsort(-value, axis=1)
-            elite = np.take_along_axis(plans, order[:, :few, None, None, None], axis=1)
+            elite = np.take_along_axis(changes, order[:, :few, None, None, None], axis=1)
             mean, spread = elite.mean(axis=1), np.maximum(elite.std(axis=1), SPREAD[1])
             top = np.take_along_axis(value, order[:, :1], axis=1)[:, 0]
             best = np.where((top > best_value)[:, None, None, None], elite[:, 0], best)
             best_value = np.maximum(top, best_value)
-        self.plan = best
-        found: Float = np.einsum("tk,nkrd->ntrd", self._basis, best)
-        return found
+        self.plan = np.clip(base + np.einsum("tk,nkrd->ntrd", self._basis, best), -1.0, 1.0)
+        return self.plan
 
-    def _moved_on(self, done: Rows) -> Float:
-        """The plans of before, from now on."""
-        knots, rows = self.options.knots, np.arange(len(self.plan))[:, None]
-        at = np.minimum(np.arange(knots) + done[:, None] * (knots - 1.0) / max(1, self.steps - 1), knots - 1.0)
-        low = np.minimum(at.astype(np.int64), knots - 2)
-        share = (at - low)[..., None, None]
-        moved: Float = (1.0 - share) * self.plan[rows, low] + share * self.plan[rows, low + 1]
-        return moved
+    def _begun(self, done: Rows) -> tuple[Float, Float]:
+        """The best of the plans of before, moved on, and of laws: actions (N, steps, R, 2), and its value (N,)."""
+        rows, samples = np.arange(len(self.plan)), self.options.samples
+        before = self.plan[rows[:, None], np.minimum(np.arange(self.steps) + done[:, None], self.steps - 1)]
+        laws = Laws(self._config, (len(rows), samples), self.steps, self._stream)
+        kept: list[Float] = []
 
-    def value(self, plans: Float) -> Float:
-        """Objective (N, S) of plans (N, S, knots, R, 2)."""
+        def choose(k: int) -> Float:
+            kept.append(laws.actions(k, self.tried.poses, self.tried.points))
+            kept[k][:, 0] = before[:, k]
+            return kept[k]
+
+        value = self._played(choose)
+        best = value.argmax(axis=1)
+        return np.stack([actions[rows, best] for actions in kept], axis=1), value[rows, best]
+
+    def value(self, base: Float, changes: Float) -> Float:
+        """Objective (N, S) of actions (N, steps, R, 2) with changes (N, S, knots, R, 2)."""
+
+        def choose(k: int) -> Float:
+            return np.clip(base[:, None, k] + np.einsum("k,nskrd->nsrd", self._basis[k], changes), -1.0, 1.0)
+
+        return self._played(choose)
+
+    def _played(self, choose: Callable[[int], Float]) -> Float:
+        """Objective (N, S) of what is chosen at each step, (N, S, R, 2)."""
         self.tried.branch(self.now)
-        total, held = np.zeros(plans.shape[:2]), np.zeros(plans.shape[:2])
+        total, held = np.zeros((2, len(self.plan), self.options.samples))
         for k in range(self.steps):
-            self.tried.step(np.einsum("k,nskrd->nsrd", self._basis[k], plans))
+            self.tried.step(choose(k))
             total += self.tried.information
             held += self.tried.blocked
         weight = self.options.mean_weight

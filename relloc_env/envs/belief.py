@@ -47,7 +47,7 @@ class BeliefModel:
     """N beliefs, each in some copies: they are moved as the real robots are, and the bound tells what would be known.
 
     A believed world has the axes of robot A's dead reckoning. Its bound starts from the priors, and is carried along
-    what was believed at each action: what the robots may expect to know, without the truth.
+    what is believed of the past: what the robots may expect to know, without the truth.
 
     Args:
         config: of the real environments.
@@ -87,6 +87,20 @@ class BeliefModel:
         every, world = self._each(rows), self.core.simulation.world
         world.pose[every] = np.repeat(poses[rows], self.copies, axis=0)
         world.points[every] = np.repeat(_away(points[rows]), self.copies, axis=0)
+
+    def retrace(self, poses: Float, actions: Float, points: Float, rows: Rows) -> None:
+        """Begin some of them anew and go through their past as it is believed now: the bound is what came of it.
+
+        Args:
+            poses: [m, m, rad] (T + 1, N, R, 3) at the start and after each action.
+            actions: [-] (T, N, R, 2)
+            points: [m] (N, M, 3) believed; NaN where nothing is known.
+            rows: indices of the beliefs.
+        """
+        self.start(poses[0], points, rows)
+        for action, pose in zip(actions, poses[1:], strict=True):
+            self.core.step(np.repeat(action, self.copies, axis=0), self._each(rows))
+            self.believe(pose, points, rows)
 
     def inform(self, estimate: Estimate) -> None:
         """Take over the covariances of an estimate as the bound, each for itself: what ties them is not in it.
@@ -162,6 +176,12 @@ class BeliefModel:
         """Of the robots, [m, m, rad] (N, copies, R, 3)."""
         pose: Float = self.core.simulation.world.pose
         return pose.reshape(self.num_envs, self.copies, *pose.shape[1:]).copy()
+
+    @property
+    def points(self) -> Float:
+        """Points [m] (N, copies, M, 3)."""
+        points: Float = self.core.simulation.world.points
+        return points.reshape(self.num_envs, self.copies, *points.shape[1:]).copy()
 
     def _each(self, rows: Rows) -> Rows:
         """Indices of the worlds of some beliefs."""

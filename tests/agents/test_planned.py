@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from agents.planned import OpenLoop, Planner, believed
+from agents.laws import Laws
+from agents.planned import OpenLoop, Planner, believed, reckoned
 from agents.playing import play
 from agents.policy import Task
 from agents.registry import agent
@@ -43,11 +44,48 @@ def test_a_plan_is_never_worse_than_the_one_before_it() -> None:
     planner.reset(3, 0)
     observations, _ = envs.reset(seed=1)
     planner.act(task.rows(observations))
-    start = np.zeros((3, 12, 3, 2, 2))
-    start[..., 0] = 0.8
     search = planner._search
-    chosen = np.repeat(search.plan[:, None], 12, axis=1)
-    assert np.all(search.value(chosen)[:, 0] >= search.value(start)[:, 0])
+    still = np.zeros((3, 12, 3, 2, 2))
+    start = np.zeros((3, search.steps, 2, 2))
+    start[..., 0] = 0.8
+    assert np.all(search.value(search.plan, still)[:, 0] >= search.value(start, still)[:, 0])
+
+
+def test_where_dead_reckoning_had_the_robots_is_told_as_it_is_believed_now() -> None:
+    """Of a true belief: in the model the robots went their real ways, and know what they really would."""
+    envs = RellocVectorEnv(3, estimator="cascade", arena=None, robot={"odometry_noise": (0.0, 0.0)})
+    task, world = Task.of(envs), envs.core.simulation.world
+    planner = Planner(task, horizon=1.0, knots=3, samples=8, iterations=1)
+    planner.reset(3, 0)
+    observations, _ = envs.reset(seed=7)
+    for _ in range(9):
+        observations = envs.step(planner.act(task.rows(observations)).reshape(3, -1))[0]
+    planner._reckoned.append(reckoned(task, task.rows(observations)))
+    planner._retrace(world.pose.copy(), world.points.copy())
+    real = envs.core.score.pose_information
+    assert_allclose(planner._search.now.information[:, 0], real, rtol=0.02)
+
+
+def test_laws_keep_the_outermost_point_at_an_angle() -> None:
+    """Rolled here by the motion of a unicycle: after 4 s two points in a line are within the angles of the laws."""
+    config = load_config(None, robots=1)
+    laws = Laws(config, (2, 30), 1000, np.random.default_rng(3))
+    speed, rate = config.robot_of(0).max_speed, config.robot_of(0).max_yaw_rate
+    poses, points = np.zeros((2, 30, 1, 3)), np.tile([[6.0, 0.4, 0.3], [6.1, 0.4, 0.3]], (2, 30, 1, 1))
+    ways = []
+    for k in range(80):
+        actions = laws.actions(k, poses, points)
+        assert np.all(np.abs(actions) <= 1.0)
+        poses[..., 0] += 0.05 * speed * actions[..., 0] * np.cos(poses[..., 2])
+        poses[..., 1] += 0.05 * speed * actions[..., 0] * np.sin(poses[..., 2])
+        poses[..., 2] += 0.05 * rate * actions[..., 1]
+        ways.append(actions[..., 0, 0])
+    offset = points[..., :2] - poses[..., :2]
+    bearing = np.arctan2(offset[..., 1], offset[..., 0]) - poses[..., 2]
+    lawful = np.array(ways)[-40:].std(axis=0) == 0.0  # no reversal lately
+    share = np.abs(bearing[lawful]) / config.camera_of(0).half_view
+    assert len(share) > 40
+    assert np.all((share > 0.47) & (share < 0.98))
 
 
 def test_plans_beat_driving_straight() -> None:

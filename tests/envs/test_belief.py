@@ -57,6 +57,26 @@ def test_a_true_belief_gains_what_the_real_robots_gain(copies: int) -> None:
     assert_allclose(model.poses[:, -1], core.simulation.world.pose, atol=1e-12)
 
 
+def test_a_past_that_is_believed_rightly_in_the_end_counts_as_it_was() -> None:
+    """A model that had it all wrong, told of the real past, has the bound of the real robots; others keep theirs."""
+    envs = RellocVectorEnv(3, **OPTIONS)
+    envs.reset(seed=5)
+    world = envs.core.simulation.world
+    model = BeliefModel(envs.config, 3, 2, 1)
+    model.start(np.zeros((3, 2, 3)), world.points + 2.0, np.arange(3))
+    wrong = model.information
+    rng, poses, actions = np.random.default_rng(2), [world.pose.copy()], []
+    for _ in range(8):
+        actions.append(rng.uniform(-1.0, 1.0, (3, 2, 2)).astype(np.float32).astype(np.float64))
+        envs.step(actions[-1].reshape(3, -1).astype(np.float32))
+        poses.append(world.pose.copy())
+    model.retrace(np.array(poses), np.array(actions), world.points, np.array([0, 2]))
+    real = np.repeat(envs.core.score.pose_information[:, None], 2, 1)
+    assert_allclose(model.information[[0, 2]], real[[0, 2]], rtol=1e-9)
+    assert_allclose(model.information[1], wrong[1])
+    assert_allclose(model.poses[[0, 2], 1], world.pose[[0, 2]], atol=1e-12)
+
+
 def test_an_estimate_is_put_where_it_says_and_known_as_well_as_it_claims() -> None:
     envs = RellocVectorEnv(5, **OPTIONS)
     envs.reset(seed=8)
