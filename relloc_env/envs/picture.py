@@ -175,7 +175,8 @@ def _honesty(core: "Core", n: int) -> Float:
     known = np.flatnonzero(one.known[0, 0])
     if not known.size:
         return np.full(1, np.nan)
-    return np.mean(_usable(nees(polar[known], one.points_covariance[0, 0, known])), keepdims=True)
+    mean: Float = np.mean(_usable(nees(polar[known], one.points_covariance[0, 0, known])), keepdims=True)
+    return mean
 
 
 def _usable(values: Float) -> Float:
