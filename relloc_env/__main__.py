@@ -14,9 +14,12 @@ app = typer.Typer(
     add_completion=False, no_args_is_help=True, rich_markup_mode=None, pretty_exceptions_enable=False, help=__doc__
 )
 
-EXTRAS = {"matplotlib": "logs", "pygame": "render", "imageio_ffmpeg": "render", "PIL": "render"}
+EXTRAS = {"matplotlib": "logs", "pygame": "render", "imageio_ffmpeg": "render", "PIL": "render", "rerun": "rerun"}
 """The extra of this package that brings each optional one."""
 
+Rerun = Annotated[
+    Path | None, typer.Option(help="A file, .rrd, for the viewer of Rerun (extra: rerun).", dir_okay=False)
+]
 Out = Annotated[Path, typer.Option(help="Folder for the results; made where it is missing.", file_okay=False)]
 
 
@@ -61,6 +64,7 @@ def replay(
         tuple[float, float, float] | None,
         typer.Option(metavar="X Y DEG", help="[m, m, deg] Added to the true pose for the first guess."),
     ] = None,
+    rerun: Rerun = None,
 ) -> None:
     """Run estimators on a recorded log and score them: replay.json and figures."""
     with _plain_errors(), _progress() as tell:
@@ -83,6 +87,11 @@ def replay(
             out=out,
             progress=tell,
         )
+        if rerun is not None:
+            from relloc_env.replay.recording import record
+
+            tell("recording", None)
+            record(result, rerun)
     from rich.markup import escape
     from rich.table import Table
 
@@ -108,11 +117,13 @@ def play(
     out: Annotated[Path, typer.Option(help="Folder for a log of each drive.", file_okay=False)] = Path("out/play"),
     size: Annotated[tuple[int, int], typer.Option(metavar="W H", help="[px] of the window.")] = (1280, 720),
     dark: Annotated[bool, typer.Option("--dark", help="Light on dark.")] = False,
+    rerun: Rerun = None,
 ) -> None:
     """Drive the robots by keyboard or gamepad and watch the estimates; H tells the keys. Each drive becomes a log."""
     with _plain_errors():
         from relloc_env.play import Session
         from relloc_env.play import play as run
+        from relloc_env.rendering.rerun_file import recorder
         from relloc_env.scenarios import suite as named
 
         if config is not None and suite is not None:
@@ -120,7 +131,8 @@ def play(
         options: dict[str, Any] = {} if suite is None else dict(named(suite).variants[0])
         options |= {k: v for k, v in (("robots", robots), ("estimator", estimator)) if v is not None}
         session = Session(config, seed=seed, logs=out, **options)
-        run(session, size=size, theme="dark" if dark else "light")
+        with recorder(rerun) as watch:
+            run(session, size=size, theme="dark" if dark else "light", watch=watch)
     for path in session.written:
         typer.echo(f"Log: {path}; python -m relloc_env replay {path} --out {path}/replay")
 

@@ -93,20 +93,7 @@ def scene(core: "Core", n: int, trails: list[Float], course: "Course") -> "Scene
 
     config, world, samples = core.config, core.simulation.world, core.simulation.samples
     robots = [config.camera_of(r) for r in range(config.robots)]
-    cameras = [
-        CameraGeometry(
-            width=camera.width,
-            height=camera.height,
-            focal=camera.focal_length,
-            c_x=camera.principal_point[0],
-            c_y=camera.principal_point[1],
-            near=camera.near,
-            far=math.inf if camera.far is None else camera.far,
-            limited=camera.limited,
-            mount=camera.mount_height,
-        )
-        for camera in robots
-    ]
+    cameras = [CameraGeometry.of(camera) for camera in robots]
     poses, points = world.pose[n], world.points[n]
     heading = poses[:, 2, None]
     d = points[None, :, :2] - poses[:, None, :2]

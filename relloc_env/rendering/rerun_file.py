@@ -1,6 +1,8 @@
 """An episode as a file that the viewer of Rerun opens: scene after scene on one time line (needs the extra `rerun`)."""
 
 import math
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -218,6 +220,37 @@ class RerunFile:
             centers=np.reshape(places, (-1, 3)), half_sizes=np.reshape(halves, (-1, 3)), quaternions=turns,
             colors=[colour] * len(places),
         )  # fmt: skip
+
+
+@contextmanager
+def recorder(path: str | Path | None, every: float = 0.25) -> Iterator[Callable[[Scene], None] | None]:
+    """Yield what writes scenes to a file, or to several: a scene earlier than the one before it starts the next file.
+
+    Args:
+        path: of the first file; the others have `-2`, `-3`, … behind its name. None: nothing is written.
+        every: [s] scenes nearer to the one before are left out.
+    """
+    if path is None:
+        yield None
+        return
+    base = Path(path)
+    files = [RerunFile(base)]
+    last = -math.inf
+
+    def write(scene: Scene) -> None:
+        nonlocal last
+        if scene.time < last:
+            files[-1].close()
+            files.append(RerunFile(base.with_stem(f"{base.stem}-{len(files) + 1}")))
+            last = -math.inf
+        if scene.time - last > every - 1e-6:
+            files[-1].add(scene)
+            last = scene.time
+
+    try:
+        yield write
+    finally:
+        files[-1].close()
 
 
 def in_space(point: Float, covariance: Float) -> tuple[Float, Float]:

@@ -3,14 +3,18 @@
 R robots, M points, O obstacles, P ordered pairs of robots (`relloc_env.samples.ordered_pairs`).
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from relloc_env.samples import Bool, Estimate, Float, ordered_pairs
+
+if TYPE_CHECKING:
+    from relloc_env.config import CameraConfig
 
 Colours = NDArray[np.uint8]
 
@@ -65,6 +69,21 @@ class CameraGeometry(NamedTuple):
     """Whether the image ends the view. If not, its frame only sets what the picture shows."""
     mount: float = 0.3
     """[m] height of the optical axis above the floor."""
+
+    @classmethod
+    def of(cls, camera: "CameraConfig") -> "CameraGeometry":
+        """Geometry of a configured camera."""
+        return cls(
+            width=camera.width,
+            height=camera.height,
+            focal=camera.focal_length,
+            c_x=camera.principal_point[0],
+            c_y=camera.principal_point[1],
+            near=camera.near,
+            far=math.inf if camera.far is None else camera.far,
+            limited=camera.limited,
+            mount=camera.mount_height,
+        )
 
 
 class Strip(NamedTuple):
