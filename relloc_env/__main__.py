@@ -1,10 +1,10 @@
-"""`python -m relloc_env`: the paper reproduced, recorded robots replayed."""
+"""`python -m relloc_env`: the paper reproduced, recorded robots replayed, robots driven by hand."""
 
 import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Literal, NoReturn
+from typing import Annotated, Any, Literal, NoReturn
 
 import typer
 
@@ -14,9 +14,12 @@ app = typer.Typer(
     add_completion=False, no_args_is_help=True, rich_markup_mode=None, pretty_exceptions_enable=False, help=__doc__
 )
 
-EXTRAS = {"matplotlib": "logs", "pygame": "render", "imageio_ffmpeg": "render", "PIL": "render"}
+EXTRAS = {"matplotlib": "logs", "pygame": "render", "imageio_ffmpeg": "render", "PIL": "render", "rerun": "rerun"}
 """The extra of this package that brings each optional one."""
 
+Rerun = Annotated[
+    Path | None, typer.Option(help="A file, .rrd, for the viewer of Rerun (extra: rerun).", dir_okay=False)
+]
 Out = Annotated[Path, typer.Option(help="Folder for the results; made where it is missing.", file_okay=False)]
 
 
@@ -61,6 +64,7 @@ def replay(
         tuple[float, float, float] | None,
         typer.Option(metavar="X Y DEG", help="[m, m, deg] Added to the true pose for the first guess."),
     ] = None,
+    rerun: Rerun = None,
 ) -> None:
     """Run estimators on a recorded log and score them: replay.json and figures."""
     with _plain_errors(), _progress() as tell:
@@ -83,6 +87,11 @@ def replay(
             out=out,
             progress=tell,
         )
+        if rerun is not None:
+            from relloc_env.replay.recording import record
+
+            tell("recording", None)
+            record(result, rerun)
     from rich.markup import escape
     from rich.table import Table
 
@@ -96,6 +105,36 @@ def replay(
         else:
             table.add_row(escape(head), *map(escape, cells))
     _print(table, "\n".join([*result.notes(), f"Results: {out}/"]))
+
+
+@app.command()
+def play(
+    config: Annotated[str | None, typer.Option(help="Scenario, or file of options; default: the default task.")] = None,
+    suite: Annotated[str | None, typer.Option(help="Suite of the benchmark, in place of a scenario.")] = None,
+    robots: Annotated[int | None, typer.Option(min=1, max=2, help="Number of robots.")] = None,
+    estimator: Annotated[str | None, typer.Option(help="The one that watches first.")] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the first start.")] = 0,
+    out: Annotated[Path, typer.Option(help="Folder for a log of each drive.", file_okay=False)] = Path("out/play"),
+    size: Annotated[tuple[int, int], typer.Option(metavar="W H", help="[px] of the window.")] = (1280, 720),
+    dark: Annotated[bool, typer.Option("--dark", help="Light on dark.")] = False,
+    rerun: Rerun = None,
+) -> None:
+    """Drive the robots by keyboard or gamepad and watch the estimates; H tells the keys. Each drive becomes a log."""
+    with _plain_errors():
+        from relloc_env.play import Session
+        from relloc_env.play import play as run
+        from relloc_env.rendering.rerun_file import recorder
+        from relloc_env.scenarios import suite as named
+
+        if config is not None and suite is not None:
+            raise ValueError("Argument `config` must be left out where `suite` is given")
+        options: dict[str, Any] = {} if suite is None else dict(named(suite).variants[0])
+        options |= {k: v for k, v in (("robots", robots), ("estimator", estimator)) if v is not None}
+        session = Session(config, seed=seed, logs=out, **options)
+        with recorder(rerun) as watch:
+            run(session, size=size, theme="dark" if dark else "light", watch=watch)
+    for path in session.written:
+        typer.echo(f"Log: {path}; python -m relloc_env replay {path} --out {path}/replay")
 
 
 @app.command()

@@ -45,7 +45,8 @@ def fails(*words, code=2):
 @pytest.mark.parametrize(
     ("command", "words"),
     [
-        ((), ("paper", "replay", "version")),
+        ((), ("paper", "replay", "play", "version")),
+        (("play",), ("--config", "--suite", "--robots", "--estimator", "--seed", "--out", "--size")),
         (("paper",), ("--out",)),
         (("replay",), ("--robots", "--from", "--to", "--velocity", "--estimator", "--pose-model", "--out")),
         (("replay",), ("--initial-depth GUESS SD", "--initial-pose-error X Y DEG")),

@@ -1,21 +1,21 @@
 """The picture of one environment, for every door: what a `Scene` needs, taken from the core."""
 
 import math
-from functools import lru_cache
 from typing import TYPE_CHECKING, Any, Literal, cast
 
 import gymnasium as gym
 import numpy as np
 from gymnasium.error import ResetNeeded
 
-from relloc_env.kernels.information import range_variance
-from relloc_env.metrics import nees, nees_band, point_errors, pose_errors
+from relloc_env.metrics import bound_range_sd, nees, nees_band, point_errors, pose_errors
+from relloc_env.rewards import EXCITATION
 from relloc_env.samples import Estimate, Float
 
 if TYPE_CHECKING:
     from relloc_env.envs.core import Core
     from relloc_env.rendering import Renderer
-    from relloc_env.rendering.scene import Reading, Scene
+    from relloc_env.rendering.course import Course, Instant
+    from relloc_env.rendering.scene import Scene
 
 
 class Picture:
@@ -29,6 +29,7 @@ class Picture:
     def __init__(self, core: "Core", mode: str | None, n: int = 0, size: tuple[int, int] = (960, 540)) -> None:
         self._core, self._mode, self._n, self._size = core, mode, n, size
         self._trails: list[list[Float]] = [[] for _ in range(core.config.robots)]
+        self._course: Course | None = None
         self._renderer: Renderer | None = None
 
     def follow(self, *, new: bool = False) -> None:
@@ -41,6 +42,15 @@ class Picture:
             if new:
                 trail.clear()
             trail.extend(pose[r, :2].copy() for pose in poses)
+        if self._course is None:
+            from relloc_env.rendering.course import Course
+
+            # Of a single robot's points, each with three numbers, the mean is told.
+            count = 1 if self._core.config.robots > 1 else self._core.config.targets
+            self._course = Course(self._core.config.robots, nees_band(3, count))
+        if new:
+            self._course.clear()
+        self._course.add(instant(self._core, n))
         if self._mode == "human":
             self._draw()
 
@@ -57,13 +67,18 @@ class Picture:
             raise ResetNeeded("Call `reset` before `render`: there is nothing to show yet")
         return self._draw() if self._mode == "rgb_array" else None
 
+    def scene(self) -> "Scene":
+        """The present, to be drawn or recorded; only with a mode, and after `follow`."""
+        assert self._course is not None
+        return scene(self._core, self._n, [np.array(trail) for trail in self._trails], self._course)
+
     def _draw(self) -> Any:
         if self._renderer is None:
             from relloc_env.rendering import Renderer
 
             rate = self._core.config.sample_rate / self._core.config.samples_per_action
             self._renderer = Renderer(size=self._size, mode=cast("Literal['rgb_array', 'human']", self._mode), fps=rate)
-        return self._renderer.draw(scene(self._core, self._n, [np.array(trail) for trail in self._trails]))
+        return self._renderer.draw(self.scene())
 
     def close(self) -> None:
         """Let the window go."""
@@ -72,26 +87,13 @@ class Picture:
             self._renderer = None
 
 
-def scene(core: "Core", n: int, trails: list[Float]) -> "Scene":
-    """Describe environment n as it is now."""
+def scene(core: "Core", n: int, trails: list[Float], course: "Course") -> "Scene":
+    """Describe environment n as it is now, and how it came there."""
     from relloc_env.rendering.scene import CameraGeometry, Scene, target_colours
 
     config, world, samples = core.config, core.simulation.world, core.simulation.samples
     robots = [config.camera_of(r) for r in range(config.robots)]
-    cameras = [
-        CameraGeometry(
-            width=camera.width,
-            height=camera.height,
-            focal=camera.focal_length,
-            c_x=camera.principal_point[0],
-            c_y=camera.principal_point[1],
-            near=camera.near,
-            far=math.inf if camera.far is None else camera.far,
-            limited=camera.limited,
-            mount=camera.mount_height,
-        )
-        for camera in robots
-    ]
+    cameras = [CameraGeometry.of(camera) for camera in robots]
     poses, points = world.pose[n], world.points[n]
     heading = poses[:, 2, None]
     d = points[None, :, :2] - poses[:, None, :2]
@@ -119,78 +121,51 @@ def scene(core: "Core", n: int, trails: list[Float]) -> "Scene":
         estimate=None if core.bare else Estimate(*(np.array(part[n]) for part in core.onboard.estimate)),
         contact=world.contact[n].copy(),
         blocked=world.blocked[n] > 0,
-        readings=_readings(core, n),
+        strips=course.strips(),
+        horizon=config.max_cycles * config.samples_per_action * config.sample_period,
     )
 
 
-def _readings(core: "Core", n: int) -> "list[Reading]":
-    """Errors, and how they compare with what is claimed and with what is possible."""
-    from relloc_env.rendering.scene import Reading
+def instant(core: "Core", n: int) -> "Instant":
+    """Errors of environment n, how they compare with what is claimed and with what is possible, and excitation."""
+    from relloc_env.rendering.course import Instant
 
-    config, score, readings = core.config, core.score, []
+    config, score, world = core.config, core.score, core.simulation.world
+    robots = config.robots
+    none = np.full(robots, np.nan)
+    depth, position, heading, honest = none, none, none, none
     if not core.bare:
-        for r in range(config.robots):
-            error = np.abs(score.depth_error[n, r])
-            known = error[np.isfinite(error)]
-            readings.append(Reading("depth error", f"{known.max():.2f} m" if known.size else "none", r))
-        for p, (a, _) in enumerate(core.simulation.pairs):
-            length, angle = score.pose_error[n, p]
-            readings.append(Reading("pose error", f"{length:.2f} m {math.degrees(angle):.1f}°", int(a)))
-        readings += [_gauge("NEES", value, band, r) for value, band, r in _honesty(core, n)]
-        if config.tracks_bound:
-            readings.append(_gauge("error / bound", *_against_bound(core, n)))
-    if config.tracks_bound:
-        j = score.pose_information[n] if config.robots > 1 else score.depth_information[n, 0]
-        readings.append(Reading("information", f"{j:.2f} nats"))
-    return readings
+        error = np.abs(score.depth_error[n])
+        depth = np.where(np.isfinite(error), error, -1.0).max(axis=1)
+        depth = np.where(depth >= 0.0, depth, np.nan)
+        if robots > 1:
+            position, heading = score.pose_error[n].T
+        honest = _honesty(core, n)
+    action = config.samples_per_action * config.sample_period
+    excitation = np.sqrt(score.terms[n, :, EXCITATION] / action) if core.elapsed[n] else none
+    now = Instant(float(world.tick[n]) * config.sample_period, depth, position, heading, honest, excitation)
+    if not config.tracks_bound:
+        return now
+    ranges = bound_range_sd(score.bound[n : n + 1], world.pose[n : n + 1], world.points[n : n + 1])
+    square = np.trace(score.pose_covariance[n, :2, :2]) if robots > 1 else math.nan
+    return now._replace(depth_bound=float(ranges.max()), position_bound=math.sqrt(square))
 
 
-def _gauge(label: str, value: float, band: tuple[float, float], robot: int = -1) -> "Reading":
-    """A number with the band that holds 95 % where all is right."""
-    from relloc_env.rendering.scene import Reading
-
-    if math.isnan(value):
-        words = "none"
-    elif value < 1e5:
-        words = f"{value:.2f}" if value < 10.0 else f"{value:,.0f}"
-    else:
-        words = "> 10⁵"
-    return Reading(label, words, robot, (value, *band))
-
-
-def _honesty(core: "Core", n: int) -> list[tuple[float, tuple[float, float], int]]:
-    """NEES with its band and the robot that claims: of each pose, or of a single robot's points, their mean."""
+def _honesty(core: "Core", n: int) -> Float:
+    """(R,) NEES of each robot's pose of the other; of a single robot's points, their mean."""
     poses, estimate = core.simulation.world.pose[n : n + 1], core.onboard.estimate
     one = Estimate._make(part[n : n + 1] for part in estimate)
     if core.config.robots > 1:
-        errors = pose_errors(one, poses)[0]
-        claims = zip(errors, one.pose_covariance[0], core.simulation.pairs[:, 0].tolist(), strict=True)
-        return [(_nees(error, covariance), _band(3, 1), robot) for error, covariance, robot in claims]
+        return _usable(nees(pose_errors(one, poses)[0], one.pose_covariance[0]))
     heights = np.array([core.config.camera_of(0).mount_height])
     polar = point_errors(one, poses, core.simulation.world.points[n : n + 1], heights).polar[0, 0]
     known = np.flatnonzero(one.known[0, 0])
-    values = [_nees(polar[m], one.points_covariance[0, 0, m]) for m in known]
-    return [(float(np.mean(values)) if values else math.nan, _band(3, max(len(values), 1)), 0)]
+    if not known.size:
+        return np.full(1, np.nan)
+    mean: Float = np.mean(_usable(nees(polar[known], one.points_covariance[0, 0, known])), keepdims=True)
+    return mean
 
 
-def _against_bound(core: "Core", n: int) -> tuple[float, tuple[float, float]]:
-    """Whitened error of B's pose in {A}, or of a single robot's ranges, with its band; 1 is at the bound."""
-    world, score = core.simulation.world, core.score
-    if core.config.robots > 1:
-        one = Estimate._make(part[n : n + 1] for part in core.onboard.estimate)
-        square, band = _nees(pose_errors(one, world.pose[n : n + 1])[0, 0], score.pose_covariance[n]) / 3.0, _band(3, 1)
-        return math.sqrt(square), (math.sqrt(band[0] / 3.0), math.sqrt(band[1] / 3.0))
-    error = score.depth_error[n, 0]
-    known = np.flatnonzero(np.isfinite(error))
-    squares = [error[m] ** 2 / range_variance(score.bound[n], world.pose[n], world.points[n], 0, m) for m in known]
-    low, high = _band(1, max(len(squares), 1))
-    return math.sqrt(np.mean(squares)) if squares else math.nan, (math.sqrt(low), math.sqrt(high))
-
-
-def _nees(error: Float, covariance: Float) -> float:
-    """NEES; NaN where nothing usable is claimed."""
-    value = float(nees(error, covariance))
-    return value if math.isfinite(value) else math.nan
-
-
-_band = lru_cache(nees_band)
+def _usable(values: Float) -> Float:
+    """NaN where nothing usable is claimed."""
+    return np.where(np.isfinite(values), values, np.nan)

@@ -2,13 +2,13 @@
 
 from relloc_env.rendering.animation import save_animation
 from relloc_env.rendering.renderer import Renderer
-from relloc_env.rendering.scene import CameraGeometry, Reading, Scene, robot_colour, robot_name, target_colours
+from relloc_env.rendering.scene import CameraGeometry, Scene, Strip, robot_colour, robot_name, target_colours
 
 __all__ = [
     "CameraGeometry",
-    "Reading",
     "Renderer",
     "Scene",
+    "Strip",
     "robot_colour",
     "robot_name",
     "save_animation",

@@ -7,7 +7,7 @@ import numpy as np
 
 from relloc_env.rendering import geometry
 from relloc_env.rendering.canvas import Box, Canvas
-from relloc_env.rendering.scene import CameraGeometry, Scene, robot_colour
+from relloc_env.rendering.scene import CameraGeometry, Scene
 from relloc_env.rendering.theme import Colour, Theme, mix
 from relloc_env.samples import Float
 
@@ -63,7 +63,7 @@ def image_frame(box: Box, scene: Scene, robot: int) -> ImageFrame:
 
 def draw_camera(canvas: Canvas, frame: ImageFrame, scene: Scene, robot: int, theme: Theme, ui: float) -> None:
     """Draw one camera image with its frame."""
-    box, colour = frame.box, robot_colour(robot)
+    box, colour = frame.box, theme.robot(robot)
     left, top, width, height = box
     with canvas.inside(box):
         horizon = frame.pixel(np.zeros(2))[1]
@@ -113,7 +113,7 @@ def _draw_bodies(canvas: Canvas, frame: ImageFrame, scene: Scene, robot: int, th
     for other, at in enumerate(scene.poses):
         if other != robot:
             shape = _silhouette_of_disc(pose, mount, at, scene.robot_radius, scene.robot_height)
-            bodies.append((_range(pose, at), shape, mix(robot_colour(other), theme.floor, 0.25)))
+            bodies.append((_range(pose, at), shape, mix(theme.robot(other), theme.floor, 0.25)))
     for obstacle in scene.obstacles if scene.obstacles is not None else ():
         if obstacle[0] == 0:
             shape = _silhouette_of_disc(pose, mount, obstacle[1:3], obstacle[3], obstacle[6])
@@ -205,7 +205,7 @@ def _draw_measured(canvas: Canvas, frame: ImageFrame, image: Float, theme: Theme
 def _draw_predicted(canvas: Canvas, frame: ImageFrame, scene: Scene, robot: int, theme: Theme, ui: float) -> None:
     """Draw where the estimates expect the points: hollow rings, with their 2 sigma regions where these are larger."""
     assert scene.estimate is not None
-    colour, radius = robot_colour(robot), 9.0 * ui
+    colour, radius = theme.robot(robot), 9.0 * ui
     for place in np.flatnonzero(scene.estimate.known[robot]).tolist():
         point, covariance = scene.estimate.points[robot, place], scene.estimate.points_covariance[robot, place]
         if abs(math.remainder(point[0], 2.0 * math.pi)) > 1.5:

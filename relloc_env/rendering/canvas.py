@@ -178,6 +178,11 @@ class Canvas:
         top = round(place[1] - anchor[1] * lettering.get_height())
         self._queue.append((lettering, (left, top), self._clip))
 
+    def cover(self, box: Box) -> None:
+        """Drop the words written so far that start inside a box."""
+        left, top, right, bottom = box[0], box[1], box[0] + box[2], box[1] + box[3]
+        self._queue = [line for line in self._queue if not (left <= line[1][0] < right and top <= line[1][1] < bottom)]
+
     def width_of(self, words: str, size: float, *, bold: bool = False) -> int:
         """Width [px] of words."""
         width: int = self._font(size, bold).size(words)[0]

@@ -3,30 +3,34 @@
 R robots, M points, O obstacles, P ordered pairs of robots (`relloc_env.samples.ordered_pairs`).
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from relloc_env.samples import Bool, Estimate, Float, ordered_pairs
 
+if TYPE_CHECKING:
+    from relloc_env.config import CameraConfig
+
 Colours = NDArray[np.uint8]
 
-ROBOT_COLOURS = ((0, 119, 187), (238, 119, 51), (0, 153, 136), (204, 51, 17))
-"""Blue, orange, teal, red: the `vibrant` scheme of P. Tol, told apart with any colour vision."""
+ROBOT_COLOURS = ((0, 114, 178), (213, 94, 0), (204, 121, 167), (110, 110, 110))
+"""Blue, vermilion, purple, grey: after M. Okabe and K. Ito, told apart with any colour vision. On light ground."""
 TARGET_COLOURS = (
-    (17, 119, 51),
-    (170, 68, 153),
-    (221, 204, 85),
-    (51, 34, 136),
-    (136, 204, 238),
+    (0, 158, 115),
     (136, 34, 85),
-    (153, 153, 51),
+    (221, 204, 119),
+    (51, 34, 136),
+    (100, 220, 220),
+    (120, 70, 20),
     (204, 102, 119),
+    (150, 150, 150),
 )
-"""Green, purple, yellow, indigo, cyan, wine, olive, rose: the `muted` scheme of P. Tol."""
+"""Green, wine, sand, indigo, cyan, brown, rose, grey: the first six are told apart with any colour vision."""
 
 
 def robot_colour(robot: int) -> tuple[int, int, int]:
@@ -66,18 +70,39 @@ class CameraGeometry(NamedTuple):
     mount: float = 0.3
     """[m] height of the optical axis above the floor."""
 
+    @classmethod
+    def of(cls, camera: "CameraConfig") -> "CameraGeometry":
+        """Geometry of a configured camera."""
+        return cls(
+            width=camera.width,
+            height=camera.height,
+            focal=camera.focal_length,
+            c_x=camera.principal_point[0],
+            c_y=camera.principal_point[1],
+            near=camera.near,
+            far=math.inf if camera.far is None else camera.far,
+            limited=camera.limited,
+            mount=camera.mount_height,
+        )
 
-class Reading(NamedTuple):
-    """A number worth showing."""
+
+class Strip(NamedTuple):
+    """A number over time, of each robot, on a logarithmic axis."""
 
     label: str
-    """What it is, in a word or two."""
-    value: str
-    """The number with its unit, as text."""
-    robot: int = -1
-    """Robot whose colour marks it; -1 for none."""
-    gauge: tuple[float, float, float] | None = None
-    """The number and the positive ends of the band in which it should be, for a strip below; None for no strip."""
+    """What it is, with its unit, in a few words."""
+    time: Float
+    """[s] (T,) increasing."""
+    lines: Float
+    """(R, T) the number of each robot; NaN where there is none."""
+    values: Sequence[str]
+    """(R,) the newest number of each robot, as text."""
+    span: tuple[float, float]
+    """Ends of the axis, positive; what is beyond lies on the edge."""
+    band: tuple[float, float] | None = None
+    """Where 95 % of the numbers lie when all is right; a value above it is marked. None for no band."""
+    bound: Float | None = None
+    """(T,) what no estimator can beat; None for none."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -118,10 +143,14 @@ class Scene:
     """(R,) whether a robot touches something."""
     blocked: Bool | None = None
     """(R,) whether a shield held a robot back."""
-    readings: Sequence[Reading] = ()
-    """Key numbers beside the picture, most important first."""
+    strips: Sequence[Strip] = ()
+    """Numbers over time beside the map, most important first."""
+    horizon: float = 30.0
+    """[s] length of the time axis of the strips; in longer episodes it moves along."""
     title: str = ""
     """Name of the motion, policy or episode; may be empty."""
+    notes: Sequence[tuple[str, str]] = ()
+    """Keys and what they do, or names and values, in a panel on the map; may be empty."""
 
     def __post_init__(self) -> None:
         robots, points = len(self.poses), len(self.points)
@@ -149,6 +178,10 @@ class Scene:
                 shapes[name] = (flag, (robots,))
         if self.obstacles is not None:
             shapes["obstacles"] = (self.obstacles, (len(self.obstacles), 7))
+        for j, strip in enumerate(self.strips):
+            shapes[f"strips[{j}].lines"] = (strip.lines, (robots, len(strip.time)))
+            if strip.bound is not None:
+                shapes[f"strips[{j}].bound"] = (strip.bound, (len(strip.time),))
         for name, (array, shape) in shapes.items():
             if np.shape(array) != shape:
                 raise ValueError(f"Argument `{name}` must have shape {shape}, but has {np.shape(array)}.")

@@ -1,15 +1,25 @@
-"""The visual language: what each thing looks like. Colours of robots and targets are in `scene`."""
+"""The visual language: what each thing looks like. Colours of targets are in `scene`.
+
+A colour is a robot's or a target's and nothing else's, red apart: it warns. What is true is solid, what a robot
+believes is hollow and of its colour, with a region of 2 sigma; what it measures is a cross.
+"""
 
 from dataclasses import dataclass
 from functools import lru_cache
+
+from relloc_env.rendering.scene import ROBOT_COLOURS
 
 Colour = tuple[int, int, int]
 
 
 @dataclass(frozen=True)
 class Theme:
-    """Colours of everything that is neither a robot nor a target."""
+    """Colours of everything that is not a target."""
 
+    robots: tuple[Colour, ...]
+    """Robots, their trails, their cameras' frames and all that they believe; they repeat."""
+    on_robot: Colour
+    """Letters on a robot."""
     page: Colour
     """Behind everything."""
     outside: Colour
@@ -27,10 +37,16 @@ class Theme:
     muted: Colour
     """Labels."""
     alarm: Colour
-    """Contact."""
+    """Contact, and numbers above their band."""
+
+    def robot(self, robot: int) -> Colour:
+        """Colour of a robot."""
+        return self.robots[robot % len(self.robots)]
 
 
 LIGHT = Theme(
+    robots=ROBOT_COLOURS,
+    on_robot=(255, 255, 255),
     page=(250, 250, 248),
     outside=(233, 234, 232),
     floor=(255, 255, 255),
@@ -43,6 +59,8 @@ LIGHT = Theme(
     alarm=(204, 30, 30),
 )
 DARK = Theme(
+    robots=((86, 180, 233), (230, 159, 0), (226, 160, 198), (170, 170, 170)),
+    on_robot=(16, 18, 20),
     page=(22, 25, 29),
     outside=(28, 32, 37),
     floor=(36, 41, 47),

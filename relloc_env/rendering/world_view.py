@@ -8,7 +8,7 @@ import numpy as np
 
 from relloc_env.rendering import geometry
 from relloc_env.rendering.canvas import Box, Canvas
-from relloc_env.rendering.scene import Scene, robot_colour, robot_name
+from relloc_env.rendering.scene import Scene, robot_name
 from relloc_env.rendering.theme import Colour, Theme, mix
 from relloc_env.samples import Float, ordered_pairs
 
@@ -108,7 +108,7 @@ def draw_world(canvas: Canvas, frame: MapFrame, scene: Scene, theme: Theme, ui: 
             if scene.cameras[robot].limited:
                 _draw_view(canvas, frame, scene, robot, theme, ui)
         for robot, trail in enumerate(scene.trails):
-            _draw_trail(canvas, frame, trail, robot_colour(robot), theme.floor, ui)
+            _draw_trail(canvas, frame, trail, theme.robot(robot), theme.floor, ui)
         if scene.estimate is not None:
             _draw_regions(canvas, frame, scene, theme, ui)
         for place, colour in zip(scene.points, scene.colours.tolist(), strict=True):
@@ -141,7 +141,7 @@ def _draw_grid(canvas: Canvas, frame: MapFrame, scene: Scene, theme: Theme) -> N
 
 def _draw_view(canvas: Canvas, frame: MapFrame, scene: Scene, robot: int, theme: Theme, ui: float) -> None:
     shape = frame.pixels(geometry.view(scene, robot, frame.reach))
-    canvas.region(shape, robot_colour(robot), 20, mix(robot_colour(robot), theme.floor, 0.7), max(0.5, 0.5 * ui))
+    canvas.region(shape, theme.robot(robot), 16, mix(theme.robot(robot), theme.floor, 0.7), max(0.5, 0.5 * ui))
 
 
 def _draw_trail(canvas: Canvas, frame: MapFrame, trail: Float, colour: Colour, floor: Colour, ui: float) -> None:
@@ -176,7 +176,7 @@ def _size_of_robot(frame: MapFrame, scene: Scene, ui: float) -> float:
 
 
 def _draw_robot(canvas: Canvas, frame: MapFrame, scene: Scene, robot: int, theme: Theme, ui: float) -> None:
-    pose, colour = scene.poses[robot], robot_colour(robot)
+    pose, colour = scene.poses[robot], theme.robot(robot)
     centre, radius = frame.pixel(pose), _size_of_robot(frame, scene, ui)
     if scene.contact is not None and scene.contact[robot]:
         canvas.ring(centre, radius + 7.0 * ui, theme.alarm, 2.5 * ui)
@@ -188,7 +188,7 @@ def _draw_robot(canvas: Canvas, frame: MapFrame, scene: Scene, robot: int, theme
     canvas.polygon(_outline_of_robot(centre, pose[2], radius + 1.5 * ui), theme.floor)
     canvas.polygon(_outline_of_robot(centre, pose[2], radius), colour)
     if radius >= 7.0:
-        canvas.text(robot_name(robot), centre, 1.2 * radius, (255, 255, 255), anchor=(0.5, 0.5), bold=True)
+        canvas.text(robot_name(robot), centre, 1.2 * radius, theme.on_robot, anchor=(0.5, 0.5), bold=True)
 
 
 def _draw_regions(canvas: Canvas, frame: MapFrame, scene: Scene, theme: Theme, ui: float) -> None:
@@ -196,7 +196,7 @@ def _draw_regions(canvas: Canvas, frame: MapFrame, scene: Scene, theme: Theme, u
     assert scene.estimate is not None
     believed, line = scene.estimate, max(0.75, 1.0 * ui)
     for robot, pose in enumerate(scene.poses):
-        colour = robot_colour(robot)
+        colour = theme.robot(robot)
         for point in np.flatnonzero(believed.known[robot]):
             region = geometry.polar_region(
                 believed.points[robot, point], believed.points_covariance[robot, point], 2.0 * frame.reach
@@ -204,7 +204,7 @@ def _draw_regions(canvas: Canvas, frame: MapFrame, scene: Scene, theme: Theme, u
             shape = frame.pixels(geometry.to_world(pose, region))
             canvas.region(shape, colour, 34, mix(colour, theme.floor, 0.35), line)
     for pair, (robot, _) in enumerate(ordered_pairs(len(scene.poses))):
-        pose, colour = scene.poses[robot], robot_colour(int(robot))
+        pose, colour = scene.poses[robot], theme.robot(int(robot))
         mean, covariance = believed.pose[pair], believed.pose_covariance[pair]
         shape = frame.pixels(geometry.to_world(pose, geometry.ellipse(mean[:2], covariance[:2, :2])))
         canvas.region(shape, colour, 34, mix(colour, theme.floor, 0.35), line)
@@ -223,11 +223,11 @@ def _draw_believed(canvas: Canvas, frame: MapFrame, scene: Scene, theme: Theme, 
         for point in np.flatnonzero(believed.known[robot]):
             place = geometry.polar_place(believed.points[robot, point])
             centre = frame.pixel(geometry.to_world(pose, place[None])[0])
-            canvas.ring(centre, 7.5 * ui, robot_colour(robot), width)
+            canvas.ring(centre, 7.5 * ui, theme.robot(robot), width)
             red, green, blue = scene.colours[point].tolist()
             canvas.disc(centre, 2.0 * ui, (red, green, blue))
     for pair, (robot, other) in enumerate(ordered_pairs(len(scene.poses))):
-        pose, mean, colour = scene.poses[robot], believed.pose[pair], robot_colour(int(robot))
+        pose, mean, colour = scene.poses[robot], believed.pose[pair], theme.robot(int(robot))
         centre, radius = frame.pixel(geometry.to_world(pose, mean[None, :2])[0]), _size_of_robot(frame, scene, ui)
         canvas.outline(_outline_of_robot(centre, pose[2] + mean[2], radius), colour, width)
         if radius >= 7.0 and math.dist(centre, frame.pixel(scene.poses[other])) > 1.5 * radius:

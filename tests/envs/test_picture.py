@@ -8,53 +8,71 @@ import pytest
 from scipy.stats import chi2
 
 import relloc_env  # noqa: F401 - registers the ids
-from relloc_env.envs.picture import scene
+from relloc_env.envs.picture import Picture
+from relloc_env.rendering.scene import Strip
 
 
-def _after(name: str, actions: int, **options: Any) -> tuple[Any, dict[str, Any]]:
+def _after(name: str, actions: int, **options: Any) -> tuple[Any, dict[str, Any], dict[str, Strip]]:
     env = gym.make(f"relloc_env/{name}-v0", **options).unwrapped
     env.reset(seed=5)
+    picture = Picture(env.core, "rgb_array")  # type: ignore[attr-defined]
+    picture.follow(new=True)
     info: dict[str, Any] = {}
     for _ in range(actions):
         info = env.step(np.array([1.0, 0.2, 0.8, -0.2], np.float32)[: env.action_space.shape[0]])[4]  # type: ignore[index]
-    return env, info
+        picture.follow()
+    return env, info, {strip.label: strip for strip in picture.scene().strips}
 
 
-def test_honesty_and_bound_of_a_pose() -> None:
-    env, info = _after("RelativePose", 20, estimator="cascade")
+def test_errors_honesty_and_bound_of_a_pose() -> None:
+    env, info, strips = _after("RelativePose", 20, estimator="cascade")
+    assert list(strips) == ["depth error [m]", "pose error [m, °]", "NEES", "excitation [m/s]"]
+    for strip in strips.values():
+        assert strip.time == pytest.approx(np.arange(0.0, 5.01, 0.25))
     believed, (a, b) = env.core.onboard.estimate, info["truth"]["poses"]
-    readings = [r for r in scene(env.core, 0, []).readings if r.gauge is not None]
-    assert [(r.label, r.robot) for r in readings] == [("NEES", 0), ("NEES", 1), ("error / bound", -1)]
     toward = complex(b[0] - a[0], b[1] - a[1]) * np.exp(-1j * a[2])
     error = believed.pose[0, 0] - [toward.real, toward.imag, b[2] - a[2]]
     error[2] = np.angle(np.exp(1j * error[2]))
     wanted = error @ np.linalg.inv(believed.pose_covariance[0, 0]) @ error
-    assert readings[0].gauge == pytest.approx([wanted, chi2.ppf(0.025, 3), chi2.ppf(0.975, 3)], rel=1e-3)
-    ratio = np.sqrt(error @ np.linalg.inv(env.core.score.pose_covariance[0]) @ error / 3.0)
-    assert readings[2].gauge == pytest.approx([ratio, *np.sqrt(np.divide(chi2.ppf([0.025, 0.975], 3), 3.0))], rel=1e-3)
+    honest, pose = strips["NEES"], strips["pose error [m, °]"]
+    assert honest.lines[0, -1] == pytest.approx(wanted, rel=1e-3)
+    assert honest.band == pytest.approx([chi2.ppf(0.025, 3), chi2.ppf(0.975, 3)], rel=1e-3)
+    assert pose.lines[0, -1] == pytest.approx(np.hypot(*error[:2]))
+    assert pose.lines[:, -1] == pytest.approx(info["errors"]["pose"][:, 0])
+    square = np.trace(env.core.score.pose_covariance[0, :2, :2])
+    assert pose.bound is not None
+    assert pose.bound[-1] == pytest.approx(np.sqrt(square))
+    depth = strips["depth error [m]"]
+    assert depth.lines[:, -1] == pytest.approx(np.abs(info["errors"]["range"]).max(axis=1))
+    gained = strips["excitation [m/s]"].lines[:, -1] ** 2 * 0.25
+    assert gained.mean() == pytest.approx(info["reward/excitation"])
+    assert np.isnan(strips["excitation [m/s]"].lines[:, 0]).all()
 
 
 def test_ranges_of_a_single_robot_against_the_bound() -> None:
-    env, info = _after("ActiveDepth", 8, targets=1)
-    honest, ratio = (r for r in scene(env.core, 0, []).readings if r.gauge is not None)
+    _, info, strips = _after("ActiveDepth", 8, targets=1)
+    assert list(strips) == ["depth error [m]", "NEES", "excitation [m/s]"]
     # One target: the bound's worst standard deviation is that of its range.
-    assert ratio.gauge is not None
-    assert honest.gauge is not None
-    assert ratio.gauge[0] == pytest.approx(abs(info["errors"]["range"][0, 0]) / info["bound_sd"][0], rel=1e-6)
-    assert ratio.gauge[1:] == pytest.approx(np.sqrt(chi2.ppf([0.025, 0.975], 1)), rel=1e-3)
-    assert honest.gauge[1:] == pytest.approx(chi2.ppf([0.025, 0.975], 3), rel=1e-3)
+    depth = strips["depth error [m]"]
+    assert depth.bound is not None
+    assert depth.bound[-1] == pytest.approx(info["bound_sd"][0], rel=1e-6)
+    assert depth.lines[0, -1] == pytest.approx(abs(info["errors"]["range"][0, 0]), rel=1e-6)
+    assert strips["NEES"].band == pytest.approx(chi2.ppf([0.025, 0.975], 3), rel=1e-3)
+    assert strips["excitation [m/s]"].lines[0, -1] ** 2 * 0.25 == pytest.approx(info["reward/excitation"])
 
 
 def test_what_is_not_known_is_not_told() -> None:
-    labels = {r.label for r in scene(_after("RelativePose", 1, estimator=None, bound=True)[0].core, 0, []).readings}
-    assert labels == {"information"}
-    without = {"estimator": "cascade", "reward": {"visibility": 1.0}}
-    labels = {r.label for r in scene(_after("RelativePose", 1, **without)[0].core, 0, []).readings}
-    assert labels == {"depth error", "pose error", "NEES"}
+    bare = _after("RelativePose", 2, estimator=None, bound=True)[2]
+    assert list(bare) == ["depth error [m]", "pose error [m, °]", "excitation [m/s]"]
+    assert list(bare["depth error [m]"].values) == ["–", "–"]
+    without = _after("RelativePose", 1, estimator="cascade", reward={"visibility": 1.0})[2]
+    assert list(without) == ["depth error [m]", "pose error [m, °]", "NEES", "excitation [m/s]"]
+    assert all(strip.bound is None for strip in without.values())
 
 
 def test_a_singular_covariance_has_no_nees() -> None:
-    env, _ = _after("RelativePose", 1, estimator="cascade")
+    env, *_ = _after("RelativePose", 1, estimator="cascade")
     env.core.onboard.estimate.pose_covariance[:] = 0.0
-    told = [r for r in scene(env.core, 0, []).readings if r.label == "NEES"]
-    assert [r.value for r in told] == ["none", "none"]
+    picture = Picture(env.core, "rgb_array")
+    picture.follow(new=True)
+    assert "NEES" not in {strip.label for strip in picture.scene().strips}

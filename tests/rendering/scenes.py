@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from relloc_env.rendering.scene import CameraGeometry, Reading, Scene, target_colours
+from relloc_env.rendering.scene import CameraGeometry, Scene, Strip, target_colours
 from relloc_env.samples import Estimate, Float, ordered_pairs
 
 OBSTACLES = np.array([[0.0, 0.6, -1.8, 0.4, 0.0, 0.0, 1.0], [1.0, -1.6, 2.4, 0.9, 0.3, 0.5, 0.6]])
@@ -47,11 +47,23 @@ def random_scene(
         "estimate": estimate,
         "contact": np.zeros(robots, bool),
         "blocked": np.zeros(robots, bool),
-        "readings": [Reading("depth error", f"{sd:.2f} m", k) for k in range(robots)]
-        + [Reading("pose error", "0.21 m, 2.1°", k) for k in range(robots if robots > 1 else 0)],
+        "strips": random_strips(rng, robots, steps[::5]),
+        "horizon": 30.0,
         "title": "edge law",
     }
     return Scene(**(given | changes))
+
+
+def random_strips(rng: np.random.Generator, robots: int, time: Float) -> list[Strip]:
+    """Errors that fall, with their bound, and a NEES with its band."""
+    falling = np.exp(-0.2 * time + 0.3 * rng.normal(size=(robots, len(time))))
+    honest = rng.chisquare(3, (robots, len(time)))
+    newest = [f"{value:.2f}" for value in falling[:, -1]]
+    return [
+        Strip("depth error [m]", time, falling, newest, (0.003, 5.0), bound=np.exp(-0.2 * time)),
+        Strip("NEES", time, honest, [f"{value:.1f}" for value in honest[:, -1]], (0.05, 500.0), band=(0.2, 9.0)),
+        Strip("excitation [m/s]", time, 0.1 * falling, newest, (0.001, 0.5)),
+    ]
 
 
 def true_images(poses: Float, points: Float, camera: CameraGeometry) -> tuple[Float, Any]:
