@@ -9,7 +9,7 @@ from agents.feedback import Edge
 from agents.learned import PREFIX, learned
 from agents.planned import OpenLoop, Planner
 from agents.policy import Policy, Task
-from relloc_env.estimators.own import load
+from relloc_env.places import load
 
 
 def _script(law: scripted.Law) -> Callable[[Task], Policy]:

@@ -6,7 +6,7 @@
 import math
 import numbers
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,6 +19,9 @@ from relloc_env.kernels.world import Truth, World
 from relloc_env.parameters import pack_obstacles, pack_parameters, pack_robots
 from relloc_env.samples import Float, Prior, Rows, Sharing, empty_samples, ordered_pairs
 from relloc_env.world import ContactSolver
+
+if TYPE_CHECKING:
+    from relloc_env.vision.eyes import Eyes
 
 OPTIONS = ("poses", "points")
 """What `options` of a reset may fix."""
@@ -69,6 +72,7 @@ class Simulation(Sharing):
         self.fix(np.arange(n), {})
         self._solvers: list[ContactSolver | None] = [None] * threads
         self._constants = (self.parameters, self.robots, self.obstacles, self.pairs)
+        self._eyes = _open_eyes(config, n, threads)
         self._share()
         self.seed(np.arange(n), [int(seed) for seed in np.random.SeedSequence().generate_state(n, np.uint64)])
 
@@ -88,12 +92,13 @@ class Simulation(Sharing):
             )
         seed_streams(self.world.streams, rows, np.array([_fold(seed) for seed in seeds], np.uint64))
 
-    def reset(self, rows: Rows, options: Mapping[str, Any] | None = None) -> None:
+    def reset(self, rows: Rows, options: Mapping[str, Any] | None = None, thread: int = 0) -> None:
         """Start new episodes in the environments `rows`; their first sample is in `first`.
 
         Args:
             rows: indices of the environments.
             options: as for `fix`, which is called first.
+            thread: as for `step`.
 
         Raises:
             ConfigError: options that cannot be, or a start that could not be found.
@@ -105,6 +110,8 @@ class Simulation(Sharing):
                 "No start was found that meets the conditions of `start` (distances, separation, all targets in view): "
                 "make the arena larger, the conditions wider, or fix `poses` and `points`"
             )
+        if self._eyes is not None:
+            self._eyes.start(self.world, self.first, self.first_truth, rows, thread)
 
     def fix(self, rows: Rows, options: Mapping[str, Any] | None) -> None:
         """Set which poses and points the environments `rows` start from, until told otherwise.
@@ -141,17 +148,19 @@ class Simulation(Sharing):
             rows: indices of the environments that move.
             thread: number of the calling thread, where several work on parts of the batch at once.
         """
-        waiting, resumed, world = np.empty(len(rows), np.int64), False, self.world
+        moving, waiting, resumed, world = rows, np.empty(len(rows), np.int64), False, self.world
         while True:
             count = advance(actions.reshape(-1), *self._constants, rows, waiting, resumed, *self._arrays)
             if count == 0:
-                return
+                break
             rows, resumed = waiting[:count].copy(), True
             self._solver(thread).solve_many(self.world, rows)
             after_contact(
                 world.pose, world.pending, world.velocity, world.contact, world.collided,
                 self.parameters, self.robots, self.obstacles, rows,
             )  # fmt: skip
+        if self._eyes is not None:
+            self._eyes.look(world, self.samples, self.truth, moving, thread)
 
     def _solver(self, thread: int) -> ContactSolver:
         """The contact solver of a thread."""
@@ -169,12 +178,17 @@ class Simulation(Sharing):
 
     def get_state(self, rows: Rows) -> dict[str, NDArray[Any]]:
         """Copies of the world's state of the environments `rows`, random streams included."""
-        return {name: getattr(self.world, name)[rows].copy() for name in World._fields}
+        return {name: part[rows].copy() for name, part in self._remembered()}
 
     def set_state(self, state: Mapping[str, NDArray[Any]], rows: Rows) -> None:
         """Put back what `get_state` gave for as many rows, bit for bit."""
-        for name in World._fields:
-            getattr(self.world, name)[rows] = state[name]
+        for name, part in self._remembered():
+            part[rows] = state[name]
+
+    def _remembered(self) -> list[tuple[str, NDArray[Any]]]:
+        """All that the next samples depend on, by name."""
+        tracks = {} if self._eyes is None else self._eyes.tracks._asdict()
+        return [*self.world._asdict().items(), *((f"track_{name}", part) for name, part in tracks.items())]
 
 
 _MOVED = (
@@ -184,6 +198,15 @@ _MOVED = (
 """Fields of `World` that `advance` takes one by one (quicker to hand over than a tuple)."""
 _DRAWN = ("fixed_poses", "fixed_points", "guess_depth", "guess_pose")
 """Those that `begin` takes as well."""
+
+
+def _open_eyes(config: EnvConfig, num_envs: int, threads: int) -> "Eyes | None":
+    """The cameras that take pictures, if any does."""
+    if all(config.camera_of(r).kind == "analytic" for r in range(config.robots)):
+        return None
+    from relloc_env.vision.eyes import Eyes
+
+    return Eyes(config, num_envs, threads)
 
 
 def _fold(seed: int) -> int:

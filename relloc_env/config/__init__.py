@@ -3,6 +3,7 @@
 `load_config` is the one way in: from keyword arguments, a mapping, a file, or the name of a scenario.
 """
 
+from relloc_env.config.imaging import ImageConfig, MarkerConfig
 from relloc_env.config.loading import load_config, read_file, validate
 from relloc_env.config.models import (
     CAMERAS,
@@ -31,6 +32,8 @@ __all__ = [
     "EnvConfig",
     "GainsConfig",
     "GuessConfig",
+    "ImageConfig",
+    "MarkerConfig",
     "NetworkConfig",
     "RobotConfig",
     "ShieldConfig",

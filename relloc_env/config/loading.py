@@ -8,7 +8,7 @@ from typing import Any, TypeVar, get_args
 import yaml
 from pydantic import BaseModel, ValidationError
 
-from relloc_env.config.models import CameraConfig, ConfigError, EnvConfig, hint
+from relloc_env.config.models import KINDS, CameraConfig, ConfigError, EnvConfig, hint
 
 M = TypeVar("M", bound=BaseModel)
 
@@ -107,6 +107,8 @@ def merge(base: Mapping[str, Any], extra: Mapping[str, Any]) -> dict[str, Any]:
 
 def _over(key: str, old: Any, value: Any) -> Any:
     """Return what stands at `key` after `value` was put over `old`."""
+    if key == "camera" and isinstance(value, str) and value in KINDS:
+        value = {"kind": value}
     if not isinstance(value, Mapping):
         return value
     if key in ("robot", "camera") and isinstance(old, list | tuple):

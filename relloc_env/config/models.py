@@ -5,28 +5,16 @@ import math
 from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar, Literal, Self
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, field_validator, model_validator
+from pydantic import BaseModel, BeforeValidator, Field, field_validator, model_validator
 
+from relloc_env.config.base import Bounds, Colour, Finite, Model, NonNegative, Pair, Positive, Range, Vector3
+from relloc_env.config.imaging import ImageConfig, MarkerConfig
 from relloc_env.estimators.config import CascadeConfig, EstimatorConfig
 from relloc_env.estimators.registry import resolve
-
-NonNegative = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
-Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
-Finite = Annotated[float, Field(allow_inf_nan=False)]
-Pair = tuple[NonNegative, NonNegative]
-Range = tuple[Finite, Finite]
-Bounds = tuple[Positive, Positive]
-Vector3 = tuple[Finite, Finite, Finite]
 
 
 class ConfigError(ValueError):
     """A configuration that cannot be: the message names the option, what it must be, and what it was."""
-
-
-class Model(BaseModel):
-    """Base of all configurations: frozen and strict about names."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", validate_default=True)
 
 
 class RobotConfig(Model):
@@ -57,12 +45,18 @@ CAMERAS: dict[str, dict[str, Any]] = {
     "unlimited": {"width": 640, "height": 480, "field_of_view": 90.0, "pixel_noise": 0.0, "limited": False},
 }
 """Presets: a Pi camera (TurtleBot 3), a Kinect-class camera (TurtleBot 2), one that sees all points ahead of it."""
+KINDS = ("analytic", "image")
+"""How a camera measures: points projected and noise added, or pictures taken and targets found in them."""
+GREY: Colour = (150, 146, 140)
+"""Of obstacles in pictures."""
 
 
 class CameraConfig(Model):
     """A pinhole camera, looking along the robot's heading. Give `focal_length` or `field_of_view`, not both."""
 
     preset: Literal["pi", "kinect", "unlimited"] | None = None
+    kind: Literal["analytic", "image"] = "analytic"
+    """points are projected and noise added, or pictures are taken and the targets found in them (extra `vision`)."""
     width: Annotated[int, Field(gt=0)] = 640
     """[px]"""
     height: Annotated[int, Field(gt=0)] = 480
@@ -74,7 +68,7 @@ class CameraConfig(Model):
     mount_height: Positive = 0.3
     """[m] of the camera above the floor."""
     pixel_noise: NonNegative = 1.6
-    """[px] standard deviation of each coordinate of a detection."""
+    """[px] standard deviation of each coordinate of a detection; of an analytic camera, as is the next."""
     quantisation: NonNegative = 0.0
     """[px] step to which detections are rounded; 0 for none."""
     frame_rate: Positive | None = None
@@ -84,16 +78,18 @@ class CameraConfig(Model):
     far: Positive | None = None
     """[m] greatest depth; None for no limit."""
     miss_probability: Annotated[float, Field(ge=0.0, le=1.0)] = 0.0
-    """chance that a point in view is not detected in a frame."""
+    """chance that a point in view is not detected in a frame; of an analytic camera."""
     limited: bool = True
     """whether the image has borders; without, every point ahead of the camera is in view."""
+    image: ImageConfig = ImageConfig()
+    """how pictures come about, for `kind="image"` and for the observation `image`."""
 
     @model_validator(mode="before")
     @classmethod
     def _complete(cls, data: Any) -> Any:
         """Fill in the preset, the focal length from the field of view, and the principal point."""
         if isinstance(data, str):
-            data = {"preset": data}
+            data = {"kind": data} if data in KINDS else {"preset": data}
         if not isinstance(data, Mapping):
             return data
         data = dict(data)
@@ -119,11 +115,15 @@ class CameraConfig(Model):
     def _check(self) -> Self:
         if self.far is not None and self.far <= self.near:
             raise ValueError(f"must have `far` greater than `near` ({self.near}), but it is {self.far}")
+        if self.kind == "image" and not self.limited:
+            raise ValueError("must have `limited` true with `kind` image: a picture has borders")
         return self
 
     @property
     def image_noise(self) -> float:
-        """[-] standard deviation of a normalised image coordinate: pixel noise and rounding."""
+        """[-] standard deviation of a normalised image coordinate: pixel noise and rounding, or the detector's."""
+        if self.kind == "image":
+            return self.image.detection_noise / self.focal_length
         return math.hypot(self.pixel_noise, self.quantisation / math.sqrt(12.0)) / self.focal_length
 
     @property
@@ -142,6 +142,8 @@ class DiscConfig(Model):
     """[m]"""
     height: Positive = 2.0
     """[m]"""
+    colour: Colour = GREY
+    """in pictures."""
 
 
 class BoxConfig(Model):
@@ -156,6 +158,8 @@ class BoxConfig(Model):
     """[rad] of its x axis, counter-clockwise from the world's."""
     height: Positive = 2.0
     """[m]"""
+    colour: Colour = GREY
+    """in pictures."""
 
 
 class ShieldConfig(Model):
@@ -296,6 +300,8 @@ class EnvConfig(Model):
     """[m] size of the walled floor, centred at the origin; None for an open one."""
     obstacles: tuple[Annotated[DiscConfig | BoxConfig, Field(discriminator="shape")], ...] = ()
     shield: ShieldConfig | None = ShieldConfig()
+    marker: MarkerConfig = MarkerConfig()
+    """what targets look like in pictures."""
     poses: tuple[Vector3, ...] | None = None
     """[m, m, rad] fixed start of each robot in the world; None to draw them."""
     points: tuple[Vector3, ...] | None = None
@@ -326,7 +332,10 @@ class EnvConfig(Model):
     bound: bool | None = None
     """whether the information bound is computed (`information` and `bound_sd` in `info`, the terms `information_*`).
     None: where the reward or `terminate_on_success` needs it."""
-    observation: Literal["flat", "dict"] = "flat"
+    observation: Literal["flat", "dict", "image"] = "flat"
+    """numbers in one vector, the same by name, or the picture of each robot's camera."""
+    image_size: tuple[Annotated[int, Field(ge=8, le=4096)], Annotated[int, Field(ge=8, le=4096)]] = (84, 84)
+    """[px] width and height of the picture of the observation `image`, which shows the camera's whole view."""
 
     @model_validator(mode="before")
     @classmethod

@@ -28,6 +28,7 @@ def believed_config(config: EnvConfig, *, walls: bool = False) -> EnvConfig:
         "poses": None,
         "points": None,
         "terminate_on_success": False,
+        "observation": "flat",
     }
     if not walls:
         changes |= {"arena": None, "obstacles": []}
@@ -39,7 +40,7 @@ def believed_config(config: EnvConfig, *, walls: bool = False) -> EnvConfig:
     }
     # Plans are compared by what they would gain, not by the luck of their draws.
     data["robot"] = [{**robot, "actuator_noise": (0.0, 0.0)} for robot in data["robot"]]
-    data["camera"] = [{**camera, "miss_probability": 0.0} for camera in data["camera"]]
+    data["camera"] = [{**camera, "miss_probability": 0.0, "kind": "analytic"} for camera in data["camera"]]
     return EnvConfig.model_validate({**data, "reward": {}, "start": {**data["start"], "in_view": False}})
 
 

@@ -91,10 +91,10 @@ class Core(Sharing):
         simulation.fix(rows, options)
         run(self._reset, self._parts(rows))
 
-    def _reset(self, rows: Rows, part: int) -> None:  # noqa: ARG002 (as `_step`)
+    def _reset(self, rows: Rows, part: int) -> None:
         """Start the episodes of one part of the batch."""
         simulation = self.simulation
-        simulation.reset(rows)
+        simulation.reset(rows, thread=part)
         for array in (self.elapsed, self.last_action, self.reward, self.joint_reward, self.terminated, self.truncated):
             array[rows] = 0
         self.onboard.reset(simulation.prior, simulation.first, rows)

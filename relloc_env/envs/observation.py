@@ -16,7 +16,6 @@ from relloc_env.kernels._compile import inner, kernel
 from relloc_env.kernels.elementary import log, sin_cos
 from relloc_env.kernels.lanes import W, natural, workspace
 
-
 LAYOUT = 1
 """Version of what the fields hold: another number where one of them changes its meaning or its size."""
 

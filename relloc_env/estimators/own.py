@@ -1,18 +1,12 @@
-"""Estimators of the user's own: where a name leads, and a look at what was made before anything runs on it."""
+"""Estimators of the user's own: a look at what was made before anything runs on it."""
 
-import importlib
-import importlib.util
-import operator
-import sys
-from pathlib import Path
-from types import ModuleType
-from typing import Any
 
 import numpy as np
 
 from relloc_env.estimators.checks import check_array
 from relloc_env.estimators.config import OwnConfig
 from relloc_env.estimators.protocol import Estimator
+from relloc_env.places import load
 from relloc_env.samples import Estimate, Rows
 
 METHODS = ("reset", "update", "get_state", "set_state")
@@ -29,51 +23,6 @@ def make_own(config: OwnConfig, num_envs: int, robots: int, points: int, message
     estimator: Estimator = factory(num_envs, robots, points, message_window=message_window)
     check_estimator(estimator, num_envs, robots, points)
     return estimator
-
-
-def load(path: str, argument: str = "estimator") -> Any:
-    """Return what `module:Name` or `path/to/file.py:Name` names.
-
-    Args:
-        path: see above.
-        argument: what the caller calls it, for errors.
-
-    Raises:
-        ValueError: a module or file that cannot be imported, or has no such name.
-    """
-    place, _, name = path.rpartition(":")
-    try:
-        module = _run_file(Path(place)) if place.endswith(".py") else importlib.import_module(place)
-        found = operator.attrgetter(name)(module)
-    except (ImportError, OSError, AttributeError) as error:
-        raise ValueError(
-            f"Argument `{argument}` must lead to a class or function, but {path!r} does not: {error}"
-        ) from error
-    if not callable(found):
-        raise TypeError(
-            f"Argument `{argument}` must lead to a class or function, but {path!r} is {type(found).__name__}"
-        )
-    return found
-
-
-def _run_file(path: Path) -> ModuleType:
-    """Import a file by its place, once in a process."""
-    name = str(path.resolve())
-    if name not in sys.modules:
-        spec = importlib.util.spec_from_file_location(name, path)
-        assert spec is not None
-        assert spec.loader is not None
-        module = importlib.util.module_from_spec(spec)
-        sys.modules[name] = module
-        sys.path.insert(0, str(path.resolve().parent))  # where its neighbours are
-        try:
-            spec.loader.exec_module(module)
-        except BaseException:
-            del sys.modules[name]
-            raise
-        finally:
-            sys.path.remove(str(path.resolve().parent))
-    return sys.modules[name]
 
 
 def check_estimator(estimator: Estimator, num_envs: int, robots: int, points: int) -> None:

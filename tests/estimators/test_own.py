@@ -18,7 +18,7 @@ from relloc_env.config import ConfigError, load_config
 from relloc_env.envs.sb3 import RellocVecEnv
 from relloc_env.envs.vector import RellocVectorEnv
 from relloc_env.estimators import OwnConfig, make, resolve
-from relloc_env.estimators.own import load
+from relloc_env.places import load
 from relloc_env.replay import replay
 from relloc_env.samples import Estimate, Prior, Rows, Samples
 from relloc_env.wrappers import EstimateObservation, RecordLog

@@ -1,0 +1,58 @@
+"""How cameras take pictures, what targets look like in them, and who finds them there."""
+
+from collections.abc import Callable
+from typing import Any, Literal
+
+from pydantic import field_validator
+
+from relloc_env.config.base import Colour, Finite, Model, NonNegative, Positive
+
+PALETTE: tuple[Colour, ...] = (
+    (214, 40, 40), (30, 90, 214), (40, 170, 60), (232, 190, 20), (190, 40, 190), (20, 180, 190), (236, 120, 20),
+    (110, 60, 210),
+)  # fmt: skip
+"""Colours of targets in pictures, far apart in hue; they repeat after eight."""
+
+
+class MarkerConfig(Model):
+    """What a target looks like in pictures."""
+
+    kind: Literal["sphere", "tag"] = "sphere"
+    """a coloured sphere, or an upright AprilTag (family 36h11, id of the target's number) that faces the camera."""
+    radius: Positive = 0.1
+    """[m] of the sphere."""
+    size: Positive = 0.4
+    """[m] edge of the tag, without its white border."""
+    colours: tuple[Colour, ...] = PALETTE
+    """of the spheres, in turn."""
+
+    @field_validator("colours")
+    @classmethod
+    def _coloured(cls, value: tuple[Colour, ...]) -> tuple[Colour, ...]:
+        if not value:
+            raise ValueError("must have at least one colour, but has none")
+        return value
+
+    def colour_of(self, target: int) -> Colour:
+        """Colour of a target."""
+        return self.colours[target % len(self.colours)]
+
+
+class ImageConfig(Model):
+    """How a camera's pictures come about, and who finds the targets in them."""
+
+    exposure: Positive = 1.0
+    """brightness of the picture; 1 is well lit."""
+    white_balance: tuple[Positive, Positive, Positive] = (1.0, 1.0, 1.0)
+    """gain of red, green and blue: the colour of the light."""
+    noise: NonNegative = 2.0
+    """[levels of 255] standard deviation of each channel of a pixel."""
+    shutter: NonNegative = 0.0
+    """[s] time for which the shutter is open, around the time of the sample; motion blurs the picture meanwhile."""
+    distortion: tuple[Finite, Finite, Finite, Finite, Finite] = (0.0, 0.0, 0.0, 0.0, 0.0)
+    """k1, k2, p1, p2, k3 of the lens, as OpenCV has them; robots know them."""
+    detection_noise: Positive = 0.2
+    """[px] standard deviation of each coordinate of a detection, as estimators are told; docs/vision.md measures it."""
+    detector: str | Callable[..., Any] = "colour"
+    """who finds targets: `colour`, `apriltag`, or a factory of the user's own (`relloc_env.vision.protocol`) or its
+    place, `module:Name` or `path/to/file.py:Name`."""
