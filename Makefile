@@ -11,7 +11,7 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check -qq
 TORCH_INDEX ?= https://download.pytorch.org/whl/cpu
 export PYTHONUNBUFFERED := 1
 
-.PHONY: help setup demo test lint format types imports pytest bench build clean
+.PHONY: help setup demo test lint format types imports pytest docs bench build clean
 
 help: ## list the tasks
 	@awk -F ':.*## ' '/^[a-z]+:.*## /{printf "  make %-8s %s\n", $$1, $$2}' Makefile
@@ -21,7 +21,7 @@ setup: .venv/.dev ## create .venv with everything a developer needs
 demo: .venv/.demo ## the main job: two robots find each other, simulated and recorded; report in out/demo
 	@$(BIN)/python -m agents demo --out out/demo
 
-test: lint types imports pytest ## every check, as CI runs them
+test: lint types imports pytest docs ## every check, as CI runs them
 
 lint: .venv/.dev ## style: ruff's formatter and rules
 	@$(BIN)/ruff format --check .
@@ -39,6 +39,9 @@ imports: .venv/.dev ## who may import whom: import-linter
 
 pytest: .venv/.dev ## the tests alone; ARGS="tests/kernels -x" chooses
 	@$(BIN)/python -m pytest -n $(JOBS) --dist loadfile $(ARGS)
+
+docs: .venv/.dev ## the documentation site in out/docs; runs the notebooks, fails at a dead link or any warning
+	@$(BIN)/sphinx-build --quiet --fail-on-warning --keep-going --fresh-env -d .cache/docs docs out/docs
 
 bench: .venv/.peers ## speed beside other environments (half an hour, on an idle machine); report in out/speed
 	@$(BIN)/python -m benchmarks speed --out out/speed

@@ -1,0 +1,1 @@
+"""The documentation: pages, and the code that makes figures and tables for them. `make docs` builds the site."""
