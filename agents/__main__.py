@@ -119,6 +119,26 @@ def report(
     typer.echo(f"Page: {page}")
 
 
+@app.command()
+def tables(
+    out: Annotated[
+        list[Path], typer.Argument(help="Folders that `benchmark` has filled, of one id.", metavar="DIR...")
+    ],
+    show: Annotated[str, typer.Option(help="Which: told, over, made, ranks, suites; parted by commas.")] = "told",
+    over: Annotated[str, typer.Option(help="Agents over which `over` gives the others' paired differences.")] = "",
+    agents: Annotated[str, typer.Option(help="Agents to show; all: every one.")] = EVERY,
+) -> None:
+    """Print tables of results as Markdown, with the commands that made them."""
+    try:
+        from agents.report.markdown import markdown
+    except ModuleNotFoundError as error:
+        _stop(f"The package `{error.name}` is missing: pip install -e '.[agents]'")
+    try:
+        typer.echo(markdown(out, _names(show), _names(over), () if agents == EVERY else _names(agents)))
+    except (ValueError, OSError) as error:
+        _stop(str(error))
+
+
 def _names(text: str) -> tuple[str, ...]:
     """Names parted by commas, each once."""
     return tuple(dict.fromkeys(name.strip() for name in text.split(",") if name.strip()))
