@@ -2,12 +2,9 @@
 
 import numpy as np
 
-from agents.policy import Task
+from agents.policy import COSINE, ELEVATION, INVERSE_RANGE, SINE, Task
 from relloc_env.envs.onboard import POINT
 from relloc_env.samples import Bool, Float, Float32
-
-SINE, COSINE, ELEVATION, INVERSE_RANGE = 3, 4, 5, 6
-"""Places within a point of the field `points`."""
 
 
 class Edge:

@@ -6,8 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from agents.feedback import INVERSE_RANGE
-from agents.policy import Task
+from agents.policy import INVERSE_RANGE, Task
 from relloc_env.envs.observation import LAYOUT
 from relloc_env.envs.onboard import POINT
 from relloc_env.samples import Float32

@@ -9,14 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from agents.policy import Task
+from agents.policy import COSINE, ELEVATION, INVERSE_RANGE, SINE, Task
 from agents.search import Search, SearchOptions, interpolation
 from relloc_env.envs.onboard import POINT
 from relloc_env.metrics import wrap
 from relloc_env.samples import Float, Float32, Rows
 
-SEEN, SINE, COSINE, ELEVATION, INVERSE_RANGE = 0, 3, 4, 5, 6
-"""Places within a point of the field `points`."""
 LEAST_INVERSE_RANGE = 0.05
 """[1/m] believed points are no further than 20 m."""
 

@@ -8,7 +8,11 @@ import numpy as np
 
 from relloc_env.config import EnvConfig
 from relloc_env.envs.observation import slices
+from relloc_env.envs.onboard import POINT
 from relloc_env.samples import Float, Float32
+
+SEEN, IMAGE_X, IMAGE_Y, SINE, COSINE, ELEVATION, INVERSE_RANGE, LOG_SD = range(POINT)
+"""Places within a point of the field `points`."""
 
 
 class Policy(Protocol):

@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.feedback import COSINE, INVERSE_RANGE, SINE
-from agents.policy import Policy, Task
+from agents.policy import COSINE, INVERSE_RANGE, SINE, Policy, Task
 from relloc_env.envs.onboard import POINT
 from relloc_env.envs.parallel import RellocParallelEnv
 from relloc_env.metrics import convergence_time, first_crossing

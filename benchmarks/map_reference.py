@@ -13,6 +13,7 @@ import numpy as np
 from rich.table import Table
 
 from benchmarks.map_graph import Episode, Noise
+from benchmarks.scenarios import DEPTH_SD, DT, PAPER_INPUTS, PAPER_POINTS, PAPER_STARTS, POSE_SD
 from relloc_env.estimators import MapAlignmentConfig, make
 from relloc_env.kernels.motion import advance
 from relloc_env.metrics import nees, relative_poses, trajectory_bound, whitened_error, wrap
@@ -20,16 +21,9 @@ from relloc_env.samples import Float, Prior, Samples
 
 TIMES = (5.0, 10.0, 20.0, 40.0)
 """[s] at which the errors are looked at."""
-DT = 0.05
-STARTS = ((0.0, -0.8, -0.1), (0.0, 1.0, 0.25))
-"""[m, m, rad] of A and B."""
-INPUTS = ((0.1, 0.0, 0.02), (0.1, 0.0, -0.03))
-"""[m/s, m/s, rad/s]."""
-POINTS = np.array([[7.0, 0.8, 0.4], [7.0, -1.2, 0.3]])
+POINTS = np.array(PAPER_POINTS)
 """[m] over the cameras."""
 NOISE = Noise(image=0.002, speed=0.005, yaw_rate=0.005)
-DEPTH_SD, POSE_SD = 1.0, np.array([1.5, 1.5, math.pi / 3.0])
-"""[m], [m, m, rad] initial errors, and what they are said to be."""
 
 
 class Runs(NamedTuple):
@@ -47,10 +41,10 @@ def simulate(runs: int, seconds: float, seed: int) -> Runs:
     """Draw runs: what the robots measure, and what is so."""
     rng, steps = np.random.default_rng(seed), round(seconds / DT) + 1
     poses, velocity = np.zeros((steps, 2, 3)), np.zeros((steps, 2, 3))
-    poses[0], velocity[1:] = STARTS, INPUTS
+    poses[0], velocity[1:] = PAPER_STARTS, PAPER_INPUTS
     for k in range(1, steps):
         for r in range(2):
-            poses[k, r] = advance(*poses[k - 1, r], *INPUTS[r], DT)
+            poses[k, r] = advance(*poses[k - 1, r], *PAPER_INPUTS[r], DT)
     d, heading = POINTS[:, :2] - poses[:, :, None, :2], poses[:, :, None, 2]
     cos, sin = np.cos(heading), np.sin(heading)
     depth = cos * d[..., 0] + sin * d[..., 1]

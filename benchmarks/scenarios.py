@@ -28,6 +28,12 @@ POSE_SD = np.array([1.5, 1.5, math.pi / 3.0])
 """[m, m, rad] initial error of the pose, each of random sign."""
 NO_PRIOR_SD = np.array([100.0, 100.0, 30.0])
 """[m, m, rad] prior of a pose of which nothing is known."""
+PAPER_STARTS = ((0.0, -0.8, -0.1), (0.0, 1.0, 0.25))
+"""[m, m, rad] of A and B in the paper-like geometry."""
+PAPER_INPUTS = ((0.1, 0.0, 0.02), (0.1, 0.0, -0.03))
+"""[m/s, m/s, rad/s] of A and B there."""
+PAPER_POINTS = ((7.0, 0.8, 0.4), (7.0, -1.2, 0.3))
+"""[m] over the cameras."""
 HALF_VIEW = 1.0
 """[-] greatest |x| and |y| in the image: 45° to either side."""
 NEAREST = 0.5
@@ -159,10 +165,10 @@ def bounds(runs: Runs, scene: Scene, at: list[int]) -> Float:
 
 def _paper_like(runs: int, steps: int) -> Truth:
     velocity = np.zeros((runs, steps, 2, 3))
-    velocity[:, 1:] = [[0.1, 0.0, 0.02], [0.1, 0.0, -0.03]]
-    start = np.broadcast_to([[0.0, -0.8, -0.1], [0.0, 1.0, 0.25]], (runs, 2, 3))
+    velocity[:, 1:] = PAPER_INPUTS
+    start = np.broadcast_to(PAPER_STARTS, (runs, 2, 3))
     points = np.full((runs, POINTS, 3), 1e3)
-    points[:, :2] = [[7.0, 0.8, 0.4], [7.0, -1.2, 0.3]]
+    points[:, :2] = PAPER_POINTS
     return Truth(_integrate(start, velocity), velocity, points, np.full(runs, 2), np.zeros((runs, 2)))
 
 

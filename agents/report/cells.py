@@ -127,8 +127,7 @@ def _table(title: str, about: str, columns: tuple[Column, ...], agents: Mapping[
 
 def head(column: Column, robots: int) -> Head:
     """What stands above a column."""
-    name = column.alone[0] if robots == 1 and column.alone is not None else column.head
-    return Head(name, column.unit, column.about(robots))
+    return Head(column.name(robots), column.unit, column.about(robots))
 
 
 def _best(cells: list[Cell], goodness: list[float]) -> list[Cell]:

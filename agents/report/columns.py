@@ -56,6 +56,10 @@ class Column:
         """Its name in summary.json."""
         return f"{self.score}_{self.kind}" if self.kind else self.score
 
+    def name(self, robots: int) -> str:
+        """What stands above it."""
+        return self.alone[0] if robots == 1 and self.alone is not None else self.head
+
     def about(self, robots: int) -> str:
         """What it is, for the page's reader."""
         ways = {
@@ -134,6 +138,8 @@ MOVED = (
 )
 """How the robots move."""
 
+EVERY = TOLD + MADE + MOVED
+
 COMPARED = ("time_pose", "position_error_end", "heading_error_end", "time_depth", "depth_error_end", "over_bound",
             "nees_inside")  # fmt: skip
 """Keys of the columns by which estimators are compared."""
@@ -146,4 +152,4 @@ def shown(columns: tuple[Column, ...], robots: int) -> list[Column]:
 
 def figures(result: Result, robots: int) -> dict[str, Figure]:
     """All columns of one agent, by key."""
-    return {c.key: c.of(result.scores[c.score]) for c in shown(TOLD + MADE + MOVED, robots)}
+    return {c.key: c.of(result.scores[c.score]) for c in shown(EVERY, robots)}

@@ -90,13 +90,11 @@ def _about(asked: Asked, summary: Mapping[str, Any], places: Mapping[str, int], 
     """What the head of the page says."""
     scripted = next((name for name in places if group(name) == "scripted"), None)
     chosen = [*list(places)[:CHOSEN], *([scripted] if scripted else [])]
-    every = columns.shown(columns.TOLD + columns.MADE + columns.MOVED, summary["robots"])
     return {
         "summary": summary,
         "task": asked.env.rpartition("/")[2],
         "agents": [_agent(name, place, name in chosen, name in oracles) for name, place in places.items()],
         "estimators": [e for e in asked.estimators if any(e in s["estimators"] for s in summary["suites"].values())],
-        "shown": [cells.head(column, summary["robots"]) for column in every],
         "overview": _overview(summary),
         "costs": _costs(summary),
         "costly": COSTLY,

@@ -11,7 +11,7 @@ import numpy as np
 
 from agents.jobs import IDS, Asked
 from agents.registry import group
-from agents.report.columns import J_10, J_END, POSE_SIZE, Figure, figures
+from agents.report.columns import EVERY, J_10, J_END, POSE_SIZE, Figure, figures, shown
 from agents.results import Failure, Result, of
 from agents.statistics import mean_difference
 from relloc_env.metrics import nees_band
@@ -41,6 +41,7 @@ def summarise(asked: Asked, results: Sequence[Result], failed: Sequence[Failure]
         "command": command(asked, out),
         **asdict(asked),
         "robots": IDS[asked.env],
+        "columns": _columns(IDS[asked.env]),
         "jobs": len(list(asked.jobs())),
         "done": len(results),
         "failed": [asdict(failure) for failure in failed],
@@ -78,6 +79,16 @@ def plain(data: Any) -> Any:
     if isinstance(data, float) and not math.isfinite(data):
         return None if math.isnan(data) else NEVER
     return data
+
+
+def _columns(robots: int) -> dict[str, dict[str, Any]]:
+    """What the page calls each figure, in what unit, and by what it multiplies it."""
+    found = {}
+    for column in shown(EVERY, robots):
+        found[column.key] = {
+            "head": column.name(robots), "unit": column.unit, "about": column.about(robots), "scale": column.scale,
+        }  # fmt: skip
+    return found
 
 
 def _part(results: list[Result], robots: int) -> dict[str, Any]:

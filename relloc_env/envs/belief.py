@@ -7,11 +7,9 @@ import numpy as np
 from relloc_env.config import EnvConfig
 from relloc_env.envs.core import Core
 from relloc_env.metrics import wrap
-from relloc_env.rewards import BOUND_FIELDS, read_bound
+from relloc_env.rewards import BOUND_FIELDS, UNSEEN_SD, read_bound
 from relloc_env.samples import Bool, Estimate, Float, Rows
 
-UNSEEN_SD = 100.0
-"""[m] what is known of a point that nobody has seen."""
 AWAY = 1e3
 """[m] where points are put of which nothing is known: nobody sees them."""
 _MOVING = ("pose", "velocity", "wheels", "command", "points", "visible", "blocked")

@@ -18,6 +18,9 @@ from pydantic import (
     model_validator,
 )
 
+LEAST_IMAGE_NOISE = 1e-4
+"""[-] a camera without noise is taken to have this much: covariances stay regular."""
+
 Gain = PositiveFloat | Annotated[tuple[PositiveFloat, ...], Field(min_length=1)]
 """One value for all robots, or one per robot."""
 
@@ -134,7 +137,8 @@ class MapAlignmentConfig(EstimatorOptions):
     """[samples] between two alignments; `update`: one at the last sample of each update (of each action;
     of each sample where messages may be late or lost)."""
     challenger_every: Annotated[int, Field(ge=1)] = 3
-    """[alignments] between two challengers of the global search once the heading is known; one each before."""
+    """[alignments] between two challengers of the global search once the heading is known; one each before. Alignments
+    that are ten samples apart or more have four challengers each."""
     grid_period: PositiveFloat | None = 0.25
     """[s] while the heading is uncertain, the pose comes from a grid of headings, renewed this often. None: never."""
     mirror: bool = True

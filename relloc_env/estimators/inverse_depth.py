@@ -6,14 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from relloc_env.estimators.checks import check_prior, check_rows, check_samples, put_state
-from relloc_env.estimators.config import InverseDepthConfig
+from relloc_env.estimators.config import LEAST_IMAGE_NOISE, InverseDepthConfig
 from relloc_env.kernels import anchors, relative_pose
 from relloc_env.kernels.inverse_depth import Filters, show, take_samples
 from relloc_env.kernels.pose_filter import Ring
 from relloc_env.samples import Estimate, Float, Prior, Rows, Samples, ordered_pairs
-
-LEAST_IMAGE_NOISE = 1e-4
-"""[-] a camera without noise is taken to have this much: covariances stay regular."""
 
 
 class InverseDepth:

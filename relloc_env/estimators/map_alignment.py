@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from relloc_env.estimators.checks import check_prior, check_rows, check_samples, put_state
-from relloc_env.estimators.config import MapAlignmentConfig
+from relloc_env.estimators.config import LEAST_IMAGE_NOISE, MapAlignmentConfig
 from relloc_env.kernels.local_map import CALIBRATION
 from relloc_env.kernels.map_alignment import scratch, take_samples
 from relloc_env.kernels.map_tracking import Maps, Options, show_maps
@@ -17,9 +17,10 @@ from relloc_env.samples import Estimate, Prior, Rows, Samples, ordered_pairs
 
 NOMINAL = np.array([1.0, 1.0, 0.0, 0.0, 0.0])
 """Calibration of a robot as built: scales 1, no loss, camera straight ahead, no delay."""
-
-LEAST_IMAGE_NOISE = 1e-4
-"""[-] a camera without noise is taken to have this much: covariances stay regular."""
+RARE = 10
+"""[samples] between two alignments from which on each has several challengers: the search is over sooner."""
+CHALLENGERS = 4
+"""Their number."""
 
 
 class MapAlignment:
@@ -184,6 +185,7 @@ class MapAlignment:
 
 def _options(config: MapAlignmentConfig) -> Options:
     rho, rho_sd = config.inverse_range_prior or (0.0, 0.0)
+    rare = config.align_every != "update" and config.align_every >= RARE
     return Options(
         image_variance=max(config.image_noise, LEAST_IMAGE_NOISE) ** 2,
         speed_variance=config.odometry_noise[0] ** 2,
@@ -199,7 +201,8 @@ def _options(config: MapAlignmentConfig) -> Options:
         rho_variance=rho_sd**2,
         height_sd=config.height_sd,
         every=0 if config.align_every == "update" else config.align_every,
-        challenger_every=config.challenger_every,
+        challenger_every=1 if rare else config.challenger_every,
+        challengers=CHALLENGERS if rare else 1,
         grid_period=config.grid_period or 0.0,
         mirror=config.mirror,
         iterations=config.iterations,

@@ -1,6 +1,5 @@
 """Estimators of the user's own: a look at what was made before anything runs on it."""
 
-
 import numpy as np
 
 from relloc_env.estimators.checks import check_array

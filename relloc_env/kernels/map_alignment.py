@@ -54,7 +54,7 @@ def mix(mean, covariance, other, other_covariance, weight):
 
 @kernel
 def align_pair(maps, pairs, options, heights, problem, starts, nodes, n, p, a, b, work):
-    """Align the maps of a pair at its anchor: from the optimum carried forward, from one challenger, from the second.
+    """Align the maps of a pair at its anchor: from the optimum carried forward, from the second, from challengers.
 
     Args:
         maps, pairs, options: see there.
@@ -86,13 +86,14 @@ def align_pair(maps, pairs, options, heights, problem, starts, nodes, n, p, a, b
     best, other = starts[0], starts[1]
     cov, other_cov = work[0:3, 0:3], work[3:6, 0:3]
     cost, log_det, rival_cost, rival_log_det = math.inf, 0.0, math.inf, 0.0
-    for source in range(3):
+    for source in range(2 + options.challengers):
         if source == 0:
             start_at(problem, m, mode, other)
         elif source == 1 and pairs.has_second[n, p]:
             start_at(problem, m, second, other)
-        elif source == 2 and turn % every == 0:
-            heading = pairs.prior[n, p, 2] + (turn // every % 12) * math.pi / 6.0
+        elif source > 1 and turn % every == 0:
+            place = (turn // every * options.challengers + source - 2) % 12
+            heading = pairs.prior[n, p, 2] + place * math.pi / 6.0
             start_from_heading(problem, m, heading, LEAST_INVERSE_RANGE, other)
         else:
             continue

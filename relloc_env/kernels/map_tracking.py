@@ -63,6 +63,7 @@ class Options(NamedTuple):
     height_sd: float
     every: int
     challenger_every: int
+    challengers: int
     grid_period: float
     mirror: bool
     iterations: int

@@ -115,6 +115,17 @@ def test_figures_are_those_of_the_files(env, pages):
     assert compared == 16 * (25 if env == "RelativePose-v0" else 15)
 
 
+@pytest.mark.parametrize("env", ["RelativePose-v0", "ActiveDepth-v0"])
+def test_every_key_has_its_column_on_the_page(env, pages):
+    folder, summary = pages[env]
+    page = html.unescape((folder / "report.html").read_text("utf-8"))
+    for _, _, found, _ in figures_of(summary):
+        assert summary["columns"].keys() == {key for key in found if not key.endswith("_difference")}
+    for key, column in summary["columns"].items():
+        assert f"<dt>{column['head']}</dt><dd>{column['about']} (<code>{key}</code>" in page
+        assert re.search(rf'<th scope="col"[^>]*>{re.escape(column["head"])}[<(]', page)
+
+
 def test_best_first_and_against_the_best_scripted(pose):
     _, summary = pose
     for part in (p for suite in summary["suites"].values() for p in suite["estimators"].values()):

@@ -71,6 +71,14 @@ def test_no_guess_of_the_pose_is_needed_40_runs() -> None:
     assert np.median(np.hypot(errors[..., 0], errors[..., 1])) < 0.1
 
 
+@pytest.mark.parametrize(("scene", "seed"), [(Scene(), 5), (Scene(no_prior=True), 8)])
+def test_aligned_once_a_second_it_finds_the_right_peak_soon_40_runs(scene: Scene, seed: int) -> None:
+    """One of twelve headings each time would take 12 s, and leaves some of these runs on a wrong peak after 5 s."""
+    found = honesty(drawn(scene, 10.0, seed), [60, 100, 200], align_every=20)
+    assert (found.max(axis=(1, 2)) < 30.0).all()
+    assert (found.mean(axis=(1, 2)) < 4.3).all()
+
+
 @pytest.mark.parametrize("every", [2, 20, "update"])
 def test_aligned_less_often_it_is_as_honest_40_runs(every: int | str) -> None:
     """Judged just before the next alignment, or where an update is an action of half a second, just after one."""
