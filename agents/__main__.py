@@ -38,7 +38,7 @@ def demo(
 @app.command()
 def film(
     out: Annotated[Path, typer.Option(help="The animation, .gif or .mp4.")] = Path("out/film.gif"),
-    motion: Annotated[str, typer.Option(help="Name of the motion.")] = "edge-near",
+    motion: Annotated[str, typer.Option(help="Name of the agent.")] = "edge-near",
     estimator: Annotated[str, typer.Option(help="Name of the estimator.")] = "map-alignment",
     seed: Annotated[int, typer.Option(min=0, help="Seed of the episode.")] = 4,
     width: Annotated[int, typer.Option(min=320, help="Width of the picture [px].")] = 720,
@@ -47,10 +47,12 @@ def film(
     """Draw one episode of the default task, with the estimator of your choice: two robots find each other."""
     try:
         from agents.film import film as draw
+        from agents.registry import agent
+        from relloc_env.config import load_config
     except ModuleNotFoundError as error:
         _stop(f"The package `{error.name}` is missing: pip install -e '.[render,logs]'")
     try:
-        draw(out, motion=motion, estimator=estimator, seed=seed, width=width, faster=faster)
+        draw(out, load_config(estimator=estimator), agent(motion), seed=seed, width=width, faster=faster)
     except (ValueError, OSError) as error:
         _stop(str(error))
     typer.echo(f"Film: {out}")
@@ -83,9 +85,9 @@ def benchmark(
         _stop(f"The package `{error.name}` is missing: pip install -e '.[agents]'")
     asked = Asked(
         env=env,
-        suites=tuple(SUITES) if suite == EVERY else _names(suite),
-        agents=tuple(AGENTS) if agents == EVERY else _names(agents),
-        estimators=_names(estimators),
+        suites=tuple(SUITES) if suite == EVERY else names(suite),
+        agents=tuple(AGENTS) if agents == EVERY else names(agents),
+        estimators=names(estimators),
         episodes=episodes,
         seeds=seeds,
     )
@@ -134,12 +136,12 @@ def tables(
     except ModuleNotFoundError as error:
         _stop(f"The package `{error.name}` is missing: pip install -e '.[agents]'")
     try:
-        typer.echo(markdown(out, _names(show), _names(over), () if agents == EVERY else _names(agents)))
+        typer.echo(markdown(out, names(show), names(over), () if agents == EVERY else names(agents)))
     except (ValueError, OSError) as error:
         _stop(str(error))
 
 
-def _names(text: str) -> tuple[str, ...]:
+def names(text: str) -> tuple[str, ...]:
     """Names parted by commas, each once."""
     return tuple(dict.fromkeys(name.strip() for name in text.split(",") if name.strip()))
 

@@ -11,7 +11,7 @@ from typing import Any
 import relloc_env
 from agents.learned import PREFIX, files
 from agents.policy import Task
-from agents.registry import agent, short
+from agents.registry import agent, needs, short
 from relloc_env.config import EnvConfig, load_config
 from relloc_env.scenarios import SEEDS, seeds, suite
 
@@ -65,11 +65,14 @@ class Asked:
                 f"Argument `episodes` must be from 1 to {most} for the seeds `{self.seeds}`, but is {self.episodes}"
             )
         seeds(self.seeds, self.episodes)
-        configurations = [load_config(None, robots=IDS[self.env], estimator=name) for name in self.estimators]
+        for name in self.estimators:
+            load_config(None, robots=IDS[self.env], estimator=name)
         for name in self.agents:
             build = agent(name)
+            played = self.suites if name.startswith(PREFIX) else self.suites[:1]  # a policy may not be for every suite
             try:
-                build(Task.of(configurations[0]))
+                for task in (task for each in played for task in self._tasks(each, name)):
+                    build(task)
             except ValueError:
                 raise
             except Exception as error:  # anyone's agent may raise anything
@@ -77,6 +80,11 @@ class Asked:
                     f"Argument `agents` must lead to a class that takes a task, but {name!r}: "
                     f"{type(error).__name__}: {error}"
                 ) from error
+
+    def _tasks(self, which: str, name: str) -> list[Task]:
+        """The tasks of a suite's variants, for an agent."""
+        job = Job(self.env, which, name, self.estimators[0], self.episodes, self.seeds)
+        return [Task.of(config) for config, _ in job.configurations()]
 
     def jobs(self) -> Iterator["Job"]:
         """Everything there is to do."""
@@ -115,7 +123,8 @@ class Job:
     def configurations(self) -> list[tuple[EnvConfig, list[int]]]:
         """The configuration of each variant of the suite, and its seeds."""
         dealt = suite(self.suite).deal(seeds(self.seeds, self.episodes))
-        return [(configure(dict(options), IDS[self.env], self.estimator), each) for options, each in dealt]
+        needed = needs(self.agent)
+        return [(configure({**options, **needed}, IDS[self.env], self.estimator), each) for options, each in dealt]
 
 
 def configure(options: dict[str, Any], robots: int, estimator: str) -> EnvConfig:

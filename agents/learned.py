@@ -107,6 +107,26 @@ def read_card(path: Path) -> dict[str, Any]:
     return data
 
 
+def options(name: str) -> dict[str, Any]:
+    """Options of the environment without which a policy cannot act in it: what its actions set."""
+    path = place(name)
+    if path.suffix != ".onnx":
+        return {}
+    environment = read_card(path)["environments"][0]
+    return {key: environment[key] for key in ("action", "gains") if environment.get("action", "motion") != "motion"}
+
+
+def trained_with(name: str) -> tuple[int, str]:
+    """Number of robots and name of the estimator that a policy was trained with; the defaults where it has no card."""
+    path = place(name)
+    if path.suffix != ".onnx":
+        return 2, "map-alignment"
+    environment = read_card(path)["environments"][0]
+    estimator = environment["estimator"]
+    critical = estimator.get("damping") == "critical"
+    return int(environment["robots"]), "cascade-critical" if critical else str(estimator["kind"])
+
+
 def _onnx(task: Task, path: Path) -> Acting:
     import onnxruntime
 

@@ -68,7 +68,7 @@ class Task:
     @property
     def size(self) -> int:
         """Numbers in a robot's row."""
-        return max(part.stop for part in self.slices.values())
+        return max(int(part.stop) for part in self.slices.values())
 
     @property
     def action_period(self) -> float:

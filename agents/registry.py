@@ -3,10 +3,11 @@
 import difflib
 from collections.abc import Callable, Mapping
 from functools import partial
+from typing import Any
 
 from agents import scripted
 from agents.feedback import Edge
-from agents.learned import PREFIX, learned
+from agents.learned import PREFIX, learned, options
 from agents.planned import OpenLoop, Planner
 from agents.policy import Policy, Task
 from relloc_env.places import load
@@ -71,6 +72,11 @@ def agent(name: str) -> Callable[[Task], Policy]:
     return known[name]
 
 
+def needs(name: str) -> dict[str, Any]:
+    """Return options of the environment without which the agent of this name cannot act in it."""
+    return options(name.removeprefix(PREFIX)) if name.startswith(PREFIX) else {}
+
+
 def group(name: str) -> str:
     """Return the name of the group that an agent is in: `learned` for a saved policy, `own` for one of the user's."""
     if name.startswith(PREFIX):
@@ -79,8 +85,12 @@ def group(name: str) -> str:
 
 
 def short(name: str) -> str:
-    """Return what is left of an agent's or estimator's name without its path: `MyAgent`, `policy.zip`."""
-    return name.rpartition(":")[2].rpartition("/")[2]
+    """Return what is left of an agent's or estimator's name without its path: `MyAgent`, `policy.zip`.
+
+    Of `RUN/policy.onnx`, as every run of `train` has it, the name of the run.
+    """
+    above, _, last = name.rpartition(":")[2].rpartition("/")
+    return above.rpartition("/")[2] if above and last == "policy.onnx" else last
 
 
 def make(name: str, task: Task) -> Policy:

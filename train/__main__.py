@@ -37,12 +37,106 @@ def run(
     try:
         chosen = load(config, overrides or ())
         folder = out or Path(f"out/train/{chosen.name}-seed{chosen.seed}")
-        policy = train(chosen, folder, command=" ".join(["python -m train", *sys.argv[1:]]))
+        policy = train(chosen, folder, command=_command())
     except (DivergedError, ValueError, OSError) as error:
         _stop(str(error))
     except KeyboardInterrupt:
         _stop("Stopped; the same command goes on from the last checkpoint")
     typer.echo(f"Policy: {policy}")
+
+
+@app.command()
+def export(
+    out: Annotated[Path, typer.Argument(help="Folder of a run, over or not.", metavar="RUN")],
+    name: Annotated[str | None, typer.Option(help="Name among the policies that ship; default: stay in RUN.")] = None,
+) -> None:
+    """Write the best policy of a run so far as an ONNX file with its card."""
+    try:
+        from train.config import load
+        from train.folder import CONFIG, ship
+        from train.run import Run
+    except ModuleNotFoundError as error:
+        _missing(error)
+    try:
+        chosen = load(out / CONFIG)
+        policy = ship(out, name) if name else Run(chosen, out).finish(_command())
+    except (ValueError, OSError) as error:
+        _stop(str(error))
+    typer.echo(f"Policy: {policy}")
+
+
+@app.command()
+def tune(
+    config: Config,
+    overrides: Overrides = None,
+    trials: Annotated[int, typer.Option(min=1, help="Trials, those of earlier calls included.")] = 30,
+    out: Annotated[Path | None, typer.Option(help="Folder of the study; default: out/tune/NAME.")] = None,
+) -> None:
+    """Search for hyper-parameters with Optuna; stopped at any time, the same command goes on."""
+    try:
+        from train.config import load
+        from train.tune import tune as search
+    except ModuleNotFoundError as error:
+        _missing(error)
+    try:
+        chosen = load(config, overrides or ())
+        found = search(chosen, trials, out or Path(f"out/tune/{chosen.name}"), tell=typer.echo)
+    except (ValueError, OSError) as error:
+        _stop(str(error))
+    except KeyboardInterrupt:
+        _stop("Stopped; the same command goes on")
+    typer.echo(f"Best configuration: {found}")
+
+
+@app.command()
+def evaluate(
+    policies: Annotated[list[str], typer.Argument(help="Names of policies that ship, or .onnx or .zip files.")],
+    out: Annotated[Path, typer.Option(help="Folder of results; what is there already is not done again.")] = Path(
+        "out/evaluate"
+    ),
+    suite: Annotated[str, typer.Option(help="Names of suites, parted by commas.")] = "open-field",
+    agents: Annotated[str, typer.Option(help="Agents to compare with; all: scripted and feedback.")] = "all",
+    estimators: Annotated[
+        str | None, typer.Option(help="Names of estimators, parted by commas; default: as it was trained with.")
+    ] = None,
+    env: Annotated[str | None, typer.Option(help="Id of the environment; default: as the card says.")] = None,
+    episodes: Annotated[int, typer.Option(min=1, help="Episodes of each agent on each suite.")] = 400,
+    seeds: Annotated[str, typer.Option(help="Set of seeds: train, validation or test.")] = "test",
+    cores: Annotated[int | None, typer.Option(min=1, help="Cores to use; default: all.")] = None,
+    animations: Annotated[bool, typer.Option(help="Draw an episode of each agent.")] = True,
+) -> None:
+    """Play policies beside scripts on the same episodes: the benchmark's results, tables and page for them."""
+    try:
+        from agents.__main__ import EVERY, names
+        from agents.benchmark import benchmark
+        from agents.demo_progress import bar
+        from agents.jobs import IDS, Asked
+        from agents.learned import PREFIX, trained_with
+        from agents.registry import AGENTS
+        from agents.report import report
+    except ModuleNotFoundError as error:
+        _missing(error)
+    try:
+        robots, estimator = trained_with(policies[0])
+        asked = Asked(
+            env=env or {count: name for name, count in IDS.items()}[robots],
+            suites=names(suite),
+            agents=(*(PREFIX + each for each in policies), *(tuple(AGENTS) if agents == EVERY else names(agents))),
+            estimators=names(estimators) if estimators else (estimator,),
+            episodes=episodes,
+            seeds=seeds,
+        )
+        with bar() as tell:
+            benchmark(asked, out, cores=cores, tell=tell)
+            page = report(out, animations=animations, tell=tell)
+    except (ValueError, OSError) as error:
+        _stop(str(error))
+    typer.echo(f"Page: {page}; every figure of its tables: {page.with_name('summary.json')}")
+
+
+def _command() -> str:
+    """The command that was given, for the card."""
+    return " ".join(["python -m train", *sys.argv[1:]])
 
 
 def _missing(error: ModuleNotFoundError) -> NoReturn:

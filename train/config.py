@@ -1,6 +1,7 @@
 """What a training run is told: a file, overrides on top, checked as a whole; plain data and back without loss."""
 
 import inspect
+import json
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cached_property
@@ -161,6 +162,8 @@ class EvaluationConfig(Model):
     """episodes on test seeds for the card, at the end."""
     scripts: tuple[str, ...] | None = None
     """agents to compare with; None for all scripted and feedback ones."""
+    script_options: dict[str, Any] = {}  # noqa: RUF012 - frozen by pydantic's copy
+    """options of the environment for those, on top: another estimator, or actions without gains."""
 
     @field_validator("score")
     @classmethod
@@ -180,6 +183,29 @@ class EvaluationConfig(Model):
     def agents(self) -> tuple[str, ...]:
         """Names of the agents to compare with."""
         return tuple(AGENTS) if self.scripts is None else self.scripts
+
+
+class SearchConfig(Model):
+    """What `tune` draws for one field: one of some values, or a number between two."""
+
+    choices: tuple[Any, ...] | None = None
+    low: float | None = None
+    high: float | None = None
+    log: bool = False
+    """whether orders of magnitude are drawn rather than values."""
+
+    @model_validator(mode="after")
+    def _one_way(self) -> Self:
+        span = self.low is not None and self.high is not None and self.low < self.high
+        if bool(self.choices) == span:
+            raise ValueError("must have either `choices`, or `low` below `high`")
+        return self
+
+    def draw(self, trial: Any, name: str) -> Any:
+        """What Optuna proposes."""
+        if self.choices:
+            return json.loads(trial.suggest_categorical(name, [json.dumps(each) for each in self.choices]))
+        return trial.suggest_float(name, self.low, self.high, log=self.log)
 
 
 class TrainConfig(Model):
@@ -203,6 +229,8 @@ class TrainConfig(Model):
     evaluation: EvaluationConfig = EvaluationConfig()
     checkpoint: Count = 100_000
     """steps between two checkpoints."""
+    search: dict[str, SearchConfig] = {}  # noqa: RUF012 - as above
+    """what `python -m train tune` draws, by `path.to.field`."""
     film: Literal["", "gif", "mp4"] = "gif"
     """form of the film of the best policy."""
 
@@ -243,7 +271,7 @@ def load(source: str | Path | Mapping[str, Any], overrides: Sequence[str] = ()) 
     if isinstance(source, Mapping):
         data = dict(source)
     elif str(source).endswith((".yaml", ".yml", ".json")):
-        data = {"name": Path(source).stem} | read_file(source)
+        data = {"name": Path(source).stem, **read_file(source)}
     else:
         known = tuple(sorted(path.stem for path in CONFIGS.glob("*.yaml")))
         if str(source) not in known:
@@ -261,13 +289,17 @@ def _override(data: dict[str, Any], text: str) -> None:
     path, equals, value = text.partition("=")
     if not equals or not path:
         raise ConfigError(f"Overrides must look like `path.to.field=value`, but one is {text!r}")
-    *parents, last = path.split(".")
-    place = data
-    for part in parents:
-        inside = place.get(part)
-        place[part] = dict(inside) if isinstance(inside, Mapping) else {}
-        place = place[part]
     try:
-        place[last] = yaml.safe_load(value)
+        put(data, path, yaml.safe_load(value))
     except yaml.YAMLError:
         raise ConfigError(f"The value of `{path}` must be YAML, but is {value!r}") from None
+
+
+def put(data: dict[str, Any], path: str, value: Any) -> None:
+    """Put a value at `path.to.field` of nested mappings, which are copied on the way."""
+    *parents, last = path.split(".")
+    for part in parents:
+        inside = data.get(part)
+        data[part] = dict(inside) if isinstance(inside, Mapping) else {}
+        data = data[part]
+    data[last] = value

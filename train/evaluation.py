@@ -16,6 +16,7 @@ from agents.playing import LATE, SCORES, play
 from agents.policy import Policy, Task
 from agents.registry import agent
 from agents.statistics import Interval, mean, mean_difference, median
+from relloc_env.config import load_config
 from relloc_env.samples import Bool, Float, Float32
 from relloc_env.scenarios import seeds
 from train.config import TrainConfig
@@ -80,10 +81,23 @@ class _Watched:
 
 
 def evaluate(
-    config: TrainConfig, build: Callable[[Task], Policy], *, episodes: int, which: str = "validation"
+    config: TrainConfig,
+    build: Callable[[Task], Policy],
+    *,
+    episodes: int,
+    which: str = "validation",
+    options: Mapping[str, Any] | None = None,
 ) -> Scores:
-    """Scores of one episode for each of the first seeds of a set, dealt out to the variants in turn."""
-    variants = config.environment.configs
+    """Scores of one episode for each of the first seeds of a set, dealt out to the variants in turn.
+
+    Args:
+        config: of the run.
+        build: makes the policy from a task.
+        episodes: how many in all.
+        which: set of seeds, see `relloc_env.scenarios.SEEDS`.
+        options: of the environment, on top of those of the run.
+    """
+    variants = [load_config(each, **(options or {})) for each in config.environment.configs]
     chosen = seeds(which, max(episodes, len(variants)))
     found: list[Scores] = []
     for k, each in enumerate(variants):
@@ -104,8 +118,13 @@ def compare(config: TrainConfig, *, tell: Callable[[str], None]) -> dict[str, Sc
     found = {}
     for name in config.evaluation.agents:
         tell(name)
-        found[name] = evaluate(config, agent(name), episodes=config.evaluation.episodes)
+        found[name] = play_script(config, name, episodes=config.evaluation.episodes)
     return found
+
+
+def play_script(config: TrainConfig, name: str, *, episodes: int, which: str = "validation") -> Scores:
+    """Scores of an agent to compare with."""
+    return evaluate(config, agent(name), episodes=episodes, which=which, options=config.evaluation.script_options)
 
 
 def means(scores: Scores) -> dict[str, float]:

@@ -13,14 +13,15 @@ class Show:
     Args:
         total: steps of the run.
         score: name of the score.
+        quiet: whether to say nothing.
     """
 
-    def __init__(self, total: int, score: str) -> None:
-        self._console = Console(stderr=True)
+    def __init__(self, total: int, score: str, *, quiet: bool = False) -> None:
+        self._console = Console(stderr=True, quiet=quiet)
         self._score, self._words = score, ""
         self._bar = Progress(
             SpinnerColumn(), BarColumn(bar_width=24), MofNCompleteColumn(), TimeRemainingColumn(),
-            TextColumn("{task.description}"), console=self._console, disable=not self._console.is_terminal,
+            TextColumn("{task.description}"), console=self._console, disable=quiet or not self._console.is_terminal,
         )  # fmt: skip
         self._task = self._bar.add_task("", total=total)
 

@@ -2,27 +2,27 @@
 
 import json
 import time
+from collections.abc import Callable, Mapping
 from copy import deepcopy
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
 from torch.utils.tensorboard import SummaryWriter
 
-from agents.registry import agent
+from agents.policy import Policy, Task
 from relloc_env.config import ConfigError
+from relloc_env.scenarios import SEEDS
 from train import checkpoints, export
 from train.config import TrainConfig
-from train.evaluation import Journal, compare, differences, evaluate, intervals, means, policy_of
+from train.evaluation import Journal, compare, differences, evaluate, intervals, means, play_script, policy_of
+from train.folder import CHECKPOINT, EVALUATION, POLICY, SAVED, SCRIPTS, claim
 from train.models import build, sound
 from train.progress import Show
 
-CONFIG, CHECKPOINT, EVALUATION, SCRIPTS = "config.yaml", "checkpoint.pt", "evaluation.jsonl", "scripts.json"
-POLICY = "policy.onnx"
 SCORED = ("information_10s", "information_mean", "information_end", "change_speed", "change_yaw_rate")
 """Scores that are drawn in TensorBoard."""
 
@@ -33,6 +33,8 @@ class DivergedError(RuntimeError):
 
 def train(config: TrainConfig, out: Path, *, command: str = "") -> Path:
     """Train, from the beginning or from the last checkpoint in the folder, and write what was learned.
+
+    A run that is over is left as it is.
 
     Args:
         config: of the run.
@@ -47,38 +49,12 @@ def train(config: TrainConfig, out: Path, *, command: str = "") -> Path:
         DivergedError: the weights are no numbers any more; the last checkpoint stays.
     """
     claim(config, out)
+    if (out / SAVED).exists():
+        return out / (POLICY if (out / POLICY).exists() else SAVED)
     with Show(config.steps, config.evaluation.score) as show:
-        run = Run(config, out, show)
+        run = Run(config, out, show=show)
         run.learn()
         return run.finish(command)
-
-
-def claim(config: TrainConfig, out: Path) -> None:
-    """Make the folder a run's, or raise ConfigError where it is of another one."""
-    out.mkdir(parents=True, exist_ok=True)
-    path = out / CONFIG
-    if path.exists():
-        before = yaml.safe_load(path.read_text(encoding="utf-8"))
-        differ = sorted(_differing(before, config.to_dict()))
-        if differ:
-            raise ConfigError(
-                f"Argument `out` must be a folder of its own: the run in {out} has other values of {', '.join(differ)}"
-            )
-    else:
-        partial = out / f".{CONFIG}"
-        partial.write_text(yaml.safe_dump(config.to_dict(), sort_keys=False), encoding="utf-8")
-        partial.replace(path)
-
-
-def _differing(one: Any, other: Any, name: str = "") -> list[str]:
-    """Paths of the fields in which two configurations differ."""
-    if isinstance(one, dict) and isinstance(other, dict):
-        return [
-            path
-            for key in {**one, **other}
-            for path in _differing(one.get(key), other.get(key), f"{name}.{key}" if name else str(key))
-        ]
-    return [] if one == other else [name]
 
 
 class Run:
@@ -89,8 +65,18 @@ class Run:
         best: the best policy so far: `score`, `steps`, `policy`, `statistics`.
     """
 
-    def __init__(self, config: TrainConfig, out: Path, show: Show) -> None:
-        self.config, self._out, self._show = config, out, show
+    def __init__(
+        self,
+        config: TrainConfig,
+        out: Path,
+        *,
+        show: Show | None = None,
+        scripts: bool = True,
+        evaluated: Callable[[Mapping[str, Any]], None] = lambda _: None,
+    ) -> None:
+        self.config, self._out = config, out
+        self._show = show or Show(config.steps, config.evaluation.score, quiet=True)
+        self._tell = evaluated
         self.model: BaseAlgorithm = build(config)
         self.best: dict[str, Any] = {"score": -np.inf}
         self._evaluated = self._saved = -1
@@ -102,9 +88,9 @@ class Run:
             checkpoints.restore(self.model, state["model"])
             self.best, self._evaluated, self._saved = state["best"], state["evaluated"], state["saved"]
             self._seconds = state["seconds"]
-            show.line(f"Goes on from the checkpoint at {self.steps:,} steps")
+            self._show.line(f"Goes on from the checkpoint at {self.steps:,} steps")
         self._journal.rewind(self.steps if path.exists() else -1)
-        self._scripts = self._compare()
+        self._scripts = self._compare() if scripts else {}
 
     @property
     def steps(self) -> int:
@@ -168,11 +154,12 @@ class Run:
             "saved": self._saved, "seconds": seconds,
         }  # fmt: skip
         checkpoints.write(self._out / CHECKPOINT, state)
+        if evaluates:
+            self._tell(self._line)
 
     def _evaluate(self) -> None:
         evaluation = self.config.evaluation
-        layout = checkpoints.worlds_of(self.model).layout
-        found = means(evaluate(self.config, policy_of(self.model, layout), episodes=evaluation.episodes))
+        found = means(evaluate(self.config, self._policy(), episodes=evaluation.episodes))
         score = found[evaluation.score]
         if score > self.best["score"]:
             normaliser = self.model.get_vec_normalize_env()
@@ -192,42 +179,66 @@ class Run:
         self._journal.add(line)
         self._evaluated = self.steps
         self._show.evaluated(line)
+        self._line = line
 
     def take_best(self) -> None:
         """Make the model's policy the best one."""
+        if "policy" not in self.best:
+            raise ConfigError(f"Argument `out` must be a folder of a run, but {self._out} has no checkpoint yet")
         self.model.policy.load_state_dict(self.best["policy"])
         normaliser = self.model.get_vec_normalize_env()
         if normaliser is not None:
             normaliser.obs_rms = self.best["statistics"]
 
     def finish(self, command: str) -> Path:
-        """Write the best policy: as ONNX with its card, as Stable-Baselines3's files, and as a film."""
+        """Write the best policy: as Stable-Baselines3's files, as ONNX with its card, and as a film."""
         self.take_best()
-        config, out = self.config, self._out
-        layout = checkpoints.worlds_of(self.model).layout
-        self.model.save(out / "policy.zip")
+        out = self._out
         normaliser = self.model.get_vec_normalize_env()
         if normaliser is not None:
             normaliser.save(str(out / "normalisation.pkl"))
-        self._show.doing("plays the test episodes")
-        metrics: dict[str, Any] = {}
-        if config.evaluation.test:
-            test = {"episodes": config.evaluation.test, "which": "test"}
-            found = evaluate(config, policy_of(self.model, layout), **test)
-            metrics = {"seeds": "test", "episodes": test["episodes"], "scores": intervals(found)}
-            if self.script:
-                others = evaluate(config, agent(self.script), **test)
-                metrics |= {"script": self.script, "over_script": differences(found, others)}
+        self._film()
         about = export.card(
-            config, self.model, command=command, steps=self.best["steps"], seconds=round(self._seconds),
-            validation_score=self.best["score"], metrics=metrics,
+            self.config, self.model, command=command, steps=self.best["steps"], seconds=round(self._seconds),
+            validation_score=self.best["score"], metrics=self._metrics(),
         )  # fmt: skip
         try:
             export.save(self.model, about, out / POLICY)
         except export.NoOnnxError as error:
-            self._show.line(f"{error}: the policy is {out / 'policy.zip'}")
-            return out / "policy.zip"
-        return out / POLICY
+            self._show.line(f"{error}: the policy is {out / SAVED}")
+        self.model.save(out / SAVED)  # last: says that all is there
+        return out / (POLICY if (out / POLICY).exists() else SAVED)
+
+    def _metrics(self) -> dict[str, Any]:
+        """Scores on test seeds with intervals, and what they are above the best script's, plain data."""
+        evaluation = self.config.evaluation
+        if not evaluation.test:
+            return {}
+        self._show.doing("plays the test episodes")
+        found = evaluate(self.config, self._policy(), episodes=evaluation.test, which="test")
+        metrics: dict[str, Any] = {"seeds": "test", "episodes": evaluation.test, "scores": intervals(found)}
+        if self.script:
+            others = play_script(self.config, self.script, episodes=evaluation.test, which="test")
+            metrics |= {"script": self.script, "over_script": differences(found, others)}
+        return metrics
+
+    def _film(self) -> None:
+        config = self.config
+        if not config.film:
+            return
+        self._show.doing("draws the film")
+        try:
+            from agents.film import film
+        except ModuleNotFoundError as error:
+            self._show.line(f"No film: the package `{error.name}` is missing (pip install -e '.[render]')")
+            return
+        film(
+            self._out / f"film.{config.film}", config.environment.configs[0], self._policy(),
+            seed=SEEDS["validation"][0],
+        )  # fmt: skip
+
+    def _policy(self) -> Callable[[Task], Policy]:
+        return policy_of(self.model, checkpoints.worlds_of(self.model).layout)
 
 
 def _due(steps: int, last: int, every: int) -> bool:

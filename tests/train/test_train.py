@@ -15,15 +15,18 @@ import pytest
 pytest.importorskip("stable_baselines3")
 
 import torch
+from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 from typer.testing import CliRunner
 
 from agents.policy import Task
 from agents.registry import agent
-from relloc_env.config import ConfigError
+from relloc_env.config import ConfigError, load_config
 from train import checkpoints
 from train.__main__ import app
 from train.config import TrainConfig, load
-from train.run import CHECKPOINT, EVALUATION, train
+from train.folder import CHECKPOINT, EVALUATION
+from train.run import DivergedError, train
+from train.tune import tune
 
 TINY: dict[str, Any] = {
     "name": "tiny",
@@ -113,3 +116,97 @@ def test_a_wrong_configuration_is_one_line() -> None:
     result = CliRunner().invoke(app, ["run", "relativ-pose"])
     assert result.exit_code == 2
     assert "did you mean `relative-pose`" in result.output
+
+
+def test_a_run_that_breaks_stops_with_a_message_and_keeps_its_checkpoint(tmp_path: Path) -> None:
+    config = tiny(algorithm=TINY["algorithm"] | {"learning_rate": 1e7})
+    with pytest.raises(DivergedError, match=r"checkpoint at .* steps stays"):
+        train(config, tmp_path)
+    assert all(bool(torch.isfinite(value).all()) for value in weights(tmp_path).values())
+
+
+MEMORY = {"network": {"policy": "MlpLstmPolicy", "hidden": [8], "lstm": 8}}
+OFF = {"learning_starts": 32, "batch_size": 16, "buffer_size": 200, "gradient_steps": 2}
+
+
+@pytest.mark.parametrize(
+    ("algorithm", "more"),
+    [
+        ({**TINY["algorithm"], "schedule": "linear"}, {"normalise": {"rewards": True}}),
+        ({**TINY["algorithm"], "name": "RecurrentPPO"}, MEMORY),
+        ({"name": "SAC", **OFF}, {}),
+        ({"name": "TD3", "action_noise": 0.1, **OFF}, {}),
+    ],
+    ids=["PPO", "RecurrentPPO", "SAC", "TD3"],
+)
+def test_stopped_while_it_writes_a_checkpoint_it_goes_on_from_the_one_before(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, algorithm: dict[str, Any], more: dict[str, Any]
+) -> None:
+    config = tiny(algorithm=algorithm, **more)
+    train(config, tmp_path / "whole")
+    write, written = checkpoints.write, []
+
+    def stop(path: Path, state: Any) -> None:
+        written.append(state["saved"])
+        if len(written) == 4:
+            raise KeyboardInterrupt
+        write(path, state)
+
+    monkeypatch.setattr(checkpoints, "write", stop)
+    with pytest.raises(KeyboardInterrupt):
+        train(config, tmp_path / "stopped")
+    monkeypatch.setattr(checkpoints, "write", write)
+    saved = train(config, tmp_path / "stopped")
+    assert same(weights(tmp_path / "stopped"), weights(tmp_path / "whole"))
+    lines = [(tmp_path / name / EVALUATION).read_bytes() for name in ("stopped", "whole")]
+    assert lines[0] == lines[1]
+    board = EventAccumulator(str(tmp_path / "stopped" / "tensorboard")).Reload()
+    steps = [event.step for event in board.Scalars("evaluation/information_end")]
+    assert steps == [json.loads(line)["steps"] for line in lines[0].splitlines()]
+    assert saved.name == ("policy.zip" if algorithm["name"] == "RecurrentPPO" else "policy.onnx")
+
+
+def test_robots_that_share_a_policy_and_points_of_any_number(tmp_path: Path) -> None:
+    variants = [{"targets": 2}, {"targets": 3}]
+    options = {"estimator": "cascade", "max_cycles": 8, "reward": {"information_pose": 3.0, "blocked": -0.02}}
+    environment = {
+        "robots": 2, "decentralised": True, "variants": variants, "options": options, "nearest_first": True,
+        "without": ["message_age"], "finite": True, "silent": 2, "change": 0.1,
+    }  # fmt: skip
+    policy = train(tiny(environment=environment), tmp_path)
+    for targets in (2, 3):
+        task = Task.of(load_config(estimator="cascade", targets=targets))
+        rows = np.random.default_rng(0).normal(size=(20, 2, task.size)).astype(np.float32)
+        acting = agent(f"learned:{policy}")(task)
+        actions = acting.act(rows)
+        assert actions.shape == (20, 2, 2)
+        np.testing.assert_allclose(acting.act(rows[:, ::-1])[:, ::-1], actions, atol=1e-6)  # each robot on its own
+    with pytest.raises(ValueError, match="2 to 3 points, but the task has 4"):
+        agent(f"learned:{policy}")(Task.of(load_config(estimator="cascade", targets=4)))
+
+
+def test_a_search_goes_on_and_leaves_the_best_configuration(tmp_path: Path) -> None:
+    search = {
+        "algorithm.learning_rate": {"low": 1e-4, "high": 1e-2, "log": True},
+        "network.hidden": {"choices": [[4], [8]]},
+    }
+    config = tiny(search=search)
+    found: list[str] = []
+    tune(config, 2, tmp_path, found.append)
+    best = tune(config, 3, tmp_path, found.append)
+    assert len(found) == 3
+    chosen = load(best)
+    assert 1e-4 <= chosen.algorithm.learning_rate <= 1e-2
+    assert chosen.network.hidden in ((4,), (8,))
+    assert chosen.model_copy(update={"search": {}, "algorithm": config.algorithm, "network": config.network}) == tiny()
+
+
+def test_a_policy_is_evaluated_beside_scripts(tmp_path: Path) -> None:
+    options = {"estimator": "cascade"}
+    policy = train(tiny(environment={"robots": 1, "options": options}), tmp_path / "run")
+    arguments = ["evaluate", str(policy), "--out", str(tmp_path / "out"), "--agents", "edge", "--episodes", "4"]
+    result = CliRunner().invoke(app, [*arguments, "--no-animations", "--cores", "1"])
+    assert result.exit_code == 0, result.output
+    summary = (tmp_path / "out" / "summary.json").read_text("utf-8")
+    assert "policy.onnx" in summary
+    assert "edge" in summary

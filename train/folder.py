@@ -1,0 +1,58 @@
+"""The folder of a run: its files, and whose it is."""
+
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from agents.learned import POLICIES, read_card
+from relloc_env.config import ConfigError
+from train.config import TrainConfig
+
+CONFIG, CHECKPOINT, EVALUATION, SCRIPTS = "config.yaml", "checkpoint.pt", "evaluation.jsonl", "scripts.json"
+POLICY, SAVED = "policy.onnx", "policy.zip"
+
+
+def claim(config: TrainConfig, out: Path) -> None:
+    """Make the folder a run's, or raise ConfigError where it is of another one."""
+    out.mkdir(parents=True, exist_ok=True)
+    path = out / CONFIG
+    if path.exists():
+        before = yaml.safe_load(path.read_text(encoding="utf-8"))
+        differ = sorted(_differing(before, config.to_dict()))
+        if differ:
+            raise ConfigError(
+                f"Argument `out` must be a folder of its own: the run in {out} has other values of {', '.join(differ)}"
+            )
+    else:
+        partial = out / f".{CONFIG}"
+        partial.write_text(yaml.safe_dump(config.to_dict(), sort_keys=False), encoding="utf-8")
+        partial.replace(path)
+
+
+def _differing(one: Any, other: Any, name: str = "") -> list[str]:
+    """Paths of the fields in which two configurations differ."""
+    if isinstance(one, dict) and isinstance(other, dict):
+        return [
+            path
+            for key in {**one, **other}
+            for path in _differing(one.get(key), other.get(key), f"{name}.{key}" if name else str(key))
+        ]
+    return [] if one == other else [name]
+
+
+def ship(out: Path, name: str) -> Path:
+    """Copy the policy of a run and its card among those that ship.
+
+    Raises:
+        ConfigError: a run that has none.
+    """
+    if not (out / POLICY).exists():
+        raise ConfigError(f"Argument `RUN` must be a run with a {POLICY}, but {out} has none")
+    POLICIES.mkdir(exist_ok=True)
+    card = read_card(out / POLICY) | {"name": name}
+    shutil.copy(out / POLICY, POLICIES / f"{name}.onnx")
+    (POLICIES / f"{name}.json").write_text(json.dumps(card, indent=1) + "\n", encoding="utf-8")
+    return POLICIES / f"{name}.onnx"
