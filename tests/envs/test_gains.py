@@ -66,7 +66,8 @@ def test_gymnasium_and_pettingzoo_give_the_same(reference: Array) -> None:
                 shown, rewards = parallel.reset()[0], {"": 0.0}
                 over = False
             else:
-                line, reward, _, over, _ = single.step(action.ravel())
+                line, gained, _, over, _ = single.step(action.ravel())
+                reward = float(gained)
                 shown, rewards, *_ = parallel.step(dict(zip(parallel.agents, action, strict=True)))
             lines.append(np.append(line, reward))
             others.append(np.append(np.concatenate(list(shown.values())), sum(rewards.values()) / len(rewards)))
