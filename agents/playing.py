@@ -93,10 +93,11 @@ def play(
     record.add()
     for k in range(config.max_cycles):
         actions = np.asarray(policy.act(task.rows(observations)), np.float64)
-        if actions.shape != (len(seeds), task.robots, 2):
+        shape = (len(seeds), task.robots, config.action_size)
+        if actions.shape != shape:
             raise ValueError(
-                f"Argument `agents` must lead to policies whose `act` gives ({len(seeds)}, {task.robots}, 2) numbers, "
-                f"but {type(policy).__name__} gives {actions.shape}"
+                f"Argument `agents` must lead to policies whose `act` gives {shape} numbers with `action` "
+                f'"{config.action}", but {type(policy).__name__} gives {actions.shape}'
             )
         observations = env.step(actions.reshape(len(seeds), -1))[0]
         record.add()
