@@ -91,14 +91,13 @@ def play(
         policy.see(env.core.simulation.world.pose.copy(), env.core.simulation.world.points.copy())  # type: ignore[attr-defined]
     record = _Record(env, task)
     record.add()
-    assert env.single_action_space.shape is not None
-    shape = (len(seeds), task.robots, env.single_action_space.shape[0] // task.robots)
+    shape = (len(seeds), task.robots, config.action_size)
     for k in range(config.max_cycles):
         actions = np.asarray(policy.act(task.rows(observations)), np.float64)
         if actions.shape != shape:
             raise ValueError(
-                f"Argument `agents` must lead to policies whose `act` gives {shape} numbers, "
-                f"but {type(policy).__name__} gives {actions.shape}"
+                f"Argument `agents` must lead to policies whose `act` gives {shape} numbers with `action` "
+                f'"{config.action}", but {type(policy).__name__} gives {actions.shape}'
             )
         observations = env.step(actions.reshape(len(seeds), -1))[0]
         record.add()

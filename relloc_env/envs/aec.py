@@ -21,7 +21,7 @@ class CheckedActions(BaseWrapper[str, Any, Any]):
         """Hand on an action (A,), or None for a robot whose episode is over."""
         agent = self.agent_selection
         if not (self.terminations[agent] or self.truncations[agent]):
-            check_actions("action", action, np.empty(2))
+            check_actions("action", action, np.empty(self.action_space(agent).shape or ()))
         elif action is not None:
             raise ValueError(f"Argument `action` must be None, as the episode of {agent} is over, but is {action!r}")
         super().step(action)

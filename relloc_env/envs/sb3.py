@@ -112,6 +112,10 @@ class RellocVecEnv(VecEnv):
             picture.follow(new=True)
         return self._show(core.observation)
 
+    def states(self) -> Float32:
+        """The truth and every observation of each row's environment, one vector (rows, S) each, for central critics."""
+        return np.repeat(self.core.states(), self.rows_each, axis=0)
+
     def _grouped_options(self) -> Iterator[tuple[Rows, Mapping[str, Any] | None]]:
         """Environments with the same options, and these; None where nothing was set."""
         groups: dict[int, list[int]] = {}

@@ -8,7 +8,9 @@ import pytest
 from numpy.typing import NDArray
 
 import relloc_env
-from relloc_env.config import ConfigError
+from agents.playing import play
+from agents.registry import agent
+from relloc_env.config import ConfigError, load_config
 from relloc_env.envs.vector import RellocVectorEnv
 from relloc_env.estimators import CascadeConfig, make
 
@@ -66,7 +68,8 @@ def test_gymnasium_and_pettingzoo_give_the_same(reference: Array) -> None:
                 shown, rewards = parallel.reset()[0], {"": 0.0}
                 over = False
             else:
-                line, reward, _, over, _ = single.step(action.ravel())
+                line, gained, _, over, _ = single.step(action.ravel())
+                reward = float(gained)
                 shown, rewards, *_ = parallel.step(dict(zip(parallel.agents, action, strict=True)))
             lines.append(np.append(line, reward))
             others.append(np.append(np.concatenate(list(shown.values())), sum(rewards.values()) / len(rewards)))
@@ -182,3 +185,10 @@ def test_two_numbers_a_robot_are_too_few() -> None:
 def test_bounds_have_an_order(gains: Any) -> None:
     with pytest.raises(ConfigError, match=r"gains"):
         relloc_env.parallel_env(estimator="cascade", action="motion+gains", gains=gains)
+
+
+def test_agents_that_know_of_motion_alone_are_refused() -> None:
+    config = load_config(estimator="cascade", action="motion+gains")
+    words = r"gives \(2, 2, 6\) numbers with `action` \"motion\+gains\", but Scripted gives \(2, 2, 2\)"
+    with pytest.raises(ValueError, match=words):
+        play(config, agent("straight"), [0, 1])

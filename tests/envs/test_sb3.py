@@ -249,3 +249,14 @@ def test_fields_are_found_by_name(decentralised: bool) -> None:
     assert last in slices, list(slices)[:4]
     rows, *_ = envs.step(np.full((envs.num_envs, *envs.action_space.shape), 0.25, np.float32))
     assert np.all(rows[:, slices[last]] == 0.25)
+
+
+@pytest.mark.parametrize("decentralised", [False, True])
+def test_states_of_all_rows_are_those_of_their_environments(decentralised: bool) -> None:
+    env = RellocVecEnv(3, **SHORT, decentralised=decentralised)
+    env.seed(1)
+    env.reset()
+    env.step(drive(np.random.default_rng(0), env))
+    states = env.states()
+    assert len(np.unique(states, axis=0)) == 3
+    np.testing.assert_array_equal(states, env.env_method("state"))

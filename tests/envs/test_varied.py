@@ -47,7 +47,7 @@ def test_a_group_is_an_environment_of_its_configuration(decentralised: bool) -> 
     env.seed(7)
     first = env.reset()
     actions = actions_of(env, 1, 4)
-    shown = [first] + [env.step(action) for action in actions[:3]]
+    shown: Any = [first] + [env.step(action) for action in actions[:3]]
     names, each = env.field_slices, env.rows_each
     for config, part, seed in zip(env.configs, (slice(0, 2 * each), slice(2 * each, 5 * each)), (7, 9), strict=True):
         other = RellocVecEnv(2 if seed == 7 else 3, config, decentralised=decentralised)
@@ -110,7 +110,8 @@ def test_lives_are_whole_episodes_or_truncated(ends: dict[str, Any]) -> None:
             if over[row]:
                 assert infos[row]["terminal_observation"].shape == env.observation_space.shape
                 assert env.observation_space.contains(infos[row]["terminal_observation"])
-                assert k % 4 or not infos[row]["TimeLimit.truncated"]
+                assert k % 4 == 0 or not infos[row]["TimeLimit.truncated"]
+                assert k % 4 or ends or infos[row]["TimeLimit.truncated"]
         assert (configs == shown[k - 1][-1]) == bool(k % 4)
     assert (early > 0) == bool(ends)
 
@@ -123,7 +124,7 @@ def test_the_same_seed_gives_the_same_and_another_does_not() -> None:
 
 def test_stages_follow_one_another() -> None:
     """Three stages of two lives each; the variants of a suite are dealt out among the groups."""
-    stages = [
+    stages: list[dict[str, Any]] = [
         {"until": 24, "vary": {"camera.field_of_view": [40.0, 50.0]}},
         {"until": 48, "options": {"robot": {"lag": [0.2, 0.1]}}},
         {"suite": "many-points"},
