@@ -2,7 +2,7 @@
 
 import functools
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,9 @@ from relloc_env.rewards import BOUND_FIELDS, carry_bound, make_score, pack_known
 from relloc_env.samples import Bool, Float, Float32, Rows, Sharing, copy_sample
 from relloc_env.simulation import Simulation
 
+if TYPE_CHECKING:
+    from relloc_env.vision.sensor import Pictures
+
 ROBOT_NAMES = ("robot_a", "robot_b")
 """Names of the agents, as in the paper."""
 
@@ -30,7 +33,8 @@ class Core(Sharing):
         config: the configuration of all environments.
         simulation: the physical side, with the truth.
         onboard: what the robots make of it: estimator, dead reckoning, messages.
-        observation: [-] float32 (N, R, D), refreshed in place, or in the array that a caller put there.
+        observation: [-] float32 (N, R, D), or uint8 (N, R, 3, H, W) pictures; refreshed in place, or in the array that
+            a caller put there.
         reward: (N, R) weighted sum of the terms.
         joint_reward: (N,) mean over the robots.
         terminated: (N,) whether the last action ended the episode, by what the configuration says.
@@ -57,7 +61,9 @@ class Core(Sharing):
         self._own_estimator = estimator is not None
         self.score = make_score(config, n)
         self.low, self.high = bounds(config)
-        self.observation: Float32 = np.zeros((n, r, self.low.size), np.float32)
+        self._pictures = _open_pictures(config, self.threads)
+        shape, kind = ((self.low.size,), np.float32) if self._pictures is None else (self.fields[0].shape, np.uint8)
+        self.observation: Any = np.zeros((n, r, *shape), kind)
         self.reward: Float = np.zeros((n, r))
         self.joint_reward: Float = np.zeros(n)
         self.terminated: Bool = np.zeros(n, np.bool_)
@@ -102,7 +108,7 @@ class Core(Sharing):
             start_bound(*self._bound, *self._first_sight, *self._known, rows)
         score_action(*self._scored_first, self.last_action.reshape(-1), *self._scored_by, 1, rows, True)
         copy_sample(simulation.first, 0, simulation.samples, -1, rows)
-        self._observe(rows)
+        self._observe(rows, part)
 
     def step(self, actions: NDArray[np.float64], rows: Rows) -> None:
         """Hold `actions` (N, R, A) in [-1, 1] for one action in the environments `rows`."""
@@ -130,10 +136,13 @@ class Core(Sharing):
                 self.config.sample_period,
             )  # fmt: skip
         score_action(*self._scored, actions.reshape(-1), *self._scored_by, self.config.samples_per_action, rows, False)
-        self._observe(rows)
+        self._observe(rows, part)
 
-    def _observe(self, rows: Rows) -> None:
-        observe(self.observation, *self._observed, rows, self.bare, self._width)
+    def _observe(self, rows: Rows, part: int) -> None:
+        if self._pictures is None:
+            observe(self.observation, *self._observed, rows, self.bare, self._width)
+        else:
+            self._pictures.take(self.observation, self.simulation.world, rows, part)
 
     def _share(self) -> None:
         """Put together once what kernels are given at every step: live arrays."""
@@ -207,6 +216,15 @@ class Core(Sharing):
         """Raise where the estimator is an object of the user's own: it was made for this number of environments."""
         if self._own_estimator:
             raise ConfigError("An environment with an estimator object of one's own cannot be cloned: give its name")
+
+
+def _open_pictures(config: EnvConfig, threads: int) -> "Pictures | None":
+    """What takes the pictures that policies see, if they do."""
+    if config.observation != "image":
+        return None
+    from relloc_env.vision.sensor import Pictures
+
+    return Pictures(config, threads)
 
 
 _EPISODE = ("observation", "reward", "last_action", "elapsed", "terminated", "truncated")

@@ -37,6 +37,9 @@ class Field(NamedTuple):
 
 def fields(config: EnvConfig) -> list[Field]:
     """Return the fields of one robot's observation, in order."""
+    if config.observation == "image":
+        width, height = config.image_size
+        return [Field("picture", (3, height, width), 0.0, 255.0, "what the camera sees: red, green, blue")]
     m, k, others = config.targets, config.samples_per_action, config.robots - 1
     bare = config.estimator is None
     own = [

@@ -171,8 +171,8 @@ class RellocVecEnv(VecEnv):
                 self.reset_infos[n * each : (n + 1) * each] = fresh[i * each : (i + 1) * each]
 
     def _lines(self, block: Float32) -> Float32:
-        """Observations (N, R, D) as one line per row, in the axes that `_form` wants."""
-        return block.reshape(-1, block.shape[-1]) if self.decentralised else block
+        """Observations (N, R, ...) as one per row, in the axes that `_form` wants."""
+        return block.reshape(-1, *block.shape[2:]) if self.decentralised else block
 
     def _show(self, block: Float32) -> Any:
         return self._form(self._lines(block))

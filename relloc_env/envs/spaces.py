@@ -15,18 +15,22 @@ from relloc_env.samples import Float32
 
 
 def robot_space(config: EnvConfig) -> spaces.Space[Any]:
-    """Space of one robot's observation: a flat `Box`, or a `Dict` of its fields, each a vector."""
+    """Space of one robot's observation: a flat `Box`, a `Dict` of its fields, each a vector, or a picture."""
     if config.observation == "flat":
         return spaces.Box(*bounds(config), dtype=np.float32)
+    if config.observation == "image":
+        return _picture_space(config, 1)
     return spaces.Dict({f.name: spaces.Box(f.low, f.high, (f.size,), np.float32) for f in fields(config)})
 
 
 def joint_space(config: EnvConfig) -> spaces.Space[Any]:
-    """Space of all robots' observations: one flat `Box`, or a flat `Dict` with keys `robot_a/field`."""
+    """Space of all robots' observations: a flat `Box`, a flat `Dict` with keys `robot_a/field`, or their pictures."""
     robots = config.robots
     if config.observation == "flat":
         low, high = bounds(config)
         return spaces.Box(np.tile(low, robots), np.tile(high, robots), dtype=np.float32)
+    if config.observation == "image":
+        return _picture_space(config, robots)
     return spaces.Dict(
         {
             _key(config, r, f.name): spaces.Box(f.low, f.high, (f.size,), np.float32)
@@ -44,6 +48,12 @@ def robot_action_space(config: EnvConfig) -> spaces.Box:
 def joint_action_space(config: EnvConfig) -> spaces.Box:
     """Space of all robots' actions, one after the other."""
     return spaces.Box(-1.0, 1.0, (config.robots * config.action_size,), np.float32)
+
+
+def _picture_space(config: EnvConfig, pictures: int) -> spaces.Box:
+    """Space of pictures whose channels stand one after the other: what convolutional policies take."""
+    width, height = config.image_size
+    return spaces.Box(0, 255, (3 * pictures, height, width), np.uint8)
 
 
 def many(space: spaces.Space[Any], num_envs: int) -> spaces.Space[Any]:
@@ -64,16 +74,18 @@ Form = Callable[[Float32], Any]
 
 
 def robot_form(config: EnvConfig) -> Form:
-    """How numbers (..., D) of one robot become its observation; leading axes stay."""
-    if config.observation == "flat":
+    """How numbers (..., D), or pictures (..., 3, H, W), of one robot become its observation; leading axes stay."""
+    if config.observation in ("flat", "image"):
         return _as_it_is
     return partial(_named_fields, [(name, part) for name, part in slices(config).items()])
 
 
 def joint_form(config: EnvConfig) -> Form:
-    """How numbers (..., R, D) of all robots become the joint observation; leading axes stay."""
+    """How numbers (..., R, D), or pictures (..., R, 3, H, W), of all robots become the joint observation; leading axes stay."""
     if config.observation == "flat":
         return _joined
+    if config.observation == "image":
+        return _joined_pictures
     where = slices(config).items()
     keys = [(_key(config, r, name), r, part) for r in range(config.robots) for name, part in where]
     return partial(_named_joint_fields, keys)
@@ -85,6 +97,10 @@ def _as_it_is(block: Float32) -> Float32:
 
 def _joined(block: Float32) -> Float32:
     return block.reshape(*block.shape[:-2], -1)
+
+
+def _joined_pictures(block: Float32) -> Float32:
+    return block.reshape(*block.shape[:-4], -1, *block.shape[-2:])
 
 
 def _named_fields(keys: list[tuple[str, slice]], block: Float32) -> dict[str, Float32]:

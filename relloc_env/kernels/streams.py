@@ -18,9 +18,9 @@ from relloc_env.kernels._compile import inlined, inner, kernel
 from relloc_env.kernels.elementary import log, sin_cos
 from relloc_env.kernels.lanes import W, natural
 
-SCENARIO, IMAGE, ODOMETRY, NETWORK, ACTUATOR = range(5)
+SCENARIO, IMAGE, ODOMETRY, NETWORK, ACTUATOR, PICTURE = range(6)
 """Purposes: index of the stream along the axis S."""
-PURPOSES = 5
+PURPOSES = 6
 
 _GOLDEN = np.uint64(0x9E3779B97F4A7C15)
 _MIX_1, _MIX_2 = np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB)
@@ -153,6 +153,13 @@ def _normal(s0, s1):
         if _HEIGHTS[layer] + unit(bits) * (_HEIGHTS[layer + 1] - _HEIGHTS[layer]) < math.exp(-0.5 * x * x):
             break
     return sign * x, s0, s1
+
+
+@kernel
+def draw_u64(streams, rows, purpose, out):
+    """Draw 64 random bits of each of the environments `rows` for a purpose: uint64 (N, S, 2) and (len(rows),)."""
+    for i in range(rows.shape[0]):
+        out[i] = next_u64(streams[rows[i], purpose])
 
 
 @inlined

@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from relloc_env.config import EnvConfig
-from relloc_env.kernels.streams import IMAGE, next_u64
+from relloc_env.kernels.streams import IMAGE, draw_u64
 from relloc_env.kernels.world import Truth, World
 from relloc_env.samples import Rows, Samples
 from relloc_env.vision.protocol import make_detector
@@ -65,8 +65,10 @@ class Eyes:
         image[:], seen[:] = 0.0, False
         if self._due(tick, r):
             picture, sensor = self._pictures[thread][r], self._sensors[thread][r]
-            seed = int(next_u64(world.streams[n, IMAGE]))
-            sensor.take(picture, truth.pose[n, k], truth.velocity[n, k], world.points[n], seed)
+            seed = np.empty(1, np.uint64)
+            draw_u64(world.streams, np.array([n]), IMAGE, seed)
+            moment = np.s_[n : n + 1, k]
+            sensor.take(picture[None], truth.pose[moment], truth.velocity[moment], world.points[n : n + 1], seed)
             found = self._detectors[thread][r].detect(picture)
             places = sensor.view.rays(found.pixels)
             chosen = assign(rays, age, places, found.fits, found.score)

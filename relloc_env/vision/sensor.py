@@ -7,25 +7,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from relloc_env.config import EnvConfig
-from relloc_env.kernels.image_rendering import LAYER, render
-from relloc_env.kernels.motion import advance
+from relloc_env.kernels.image_columns import LAYER
+from relloc_env.kernels.image_rendering import HORIZON, render
+from relloc_env.kernels.streams import PICTURE, draw_u64
+from relloc_env.kernels.world import World
 from relloc_env.parameters import pack_obstacles
-from relloc_env.samples import Float
+from relloc_env.samples import Float, Rows
 from relloc_env.vision.lens import from_pixels
 from relloc_env.vision.protocol import Picture, view_of
 
-BODIES = ((112.0, 114.0, 118.0), (132.0, 130.0, 126.0))
+ROBOTS = ((112.0, 114.0, 118.0), (132.0, 130.0, 126.0))
 """Colours of the robots."""
 MOMENTS = 12
 """Most moments of which a blurred picture is the mean."""
-MARGIN = 1.25
-"""A tag with its white border, in edges of the tag."""
+BORDER = 1.25
+"""A tag with its white border, in edges of the tag: ten cells, of which eight are the tag."""
 
 
 @cache
 def _normals() -> NDArray[np.float32]:
     """Standard normal numbers for the noise of pixels."""
-    return np.random.default_rng(0).standard_normal(1 << 16, np.float32)
+    return np.random.default_rng(0).standard_normal(1 << 17, np.float32)
 
 
 class Sensor:
@@ -39,68 +41,95 @@ class Sensor:
 
     def __init__(self, config: EnvConfig, robot: int, size: tuple[int, int] | None = None) -> None:
         self.view = view = view_of(config, robot, size)
-        camera = config.camera_of(robot)
-        image, marker = camera.image, config.marker
-        self._robot = robot
-        self._others = [r for r in range(config.robots) if r != robot]
-        self._bodies = np.array([[config.robot_of(r).radius, config.robot_of(r).height] for r in self._others])
-        self._mount = camera.mount_height
-        half = (math.inf, math.inf) if config.arena is None else (0.5 * config.arena[0], 0.5 * config.arena[1])
-        f_x, f_y, c_x, c_y = view.intrinsics
+        camera, robots = config.camera_of(robot), [config.robot_of(r) for r in range(config.robots)]
+        image, marker, m = camera.image, config.marker, config.targets
+        f_x = float(view.intrinsics[0])
         rows, columns = np.mgrid[: view.height, : view.width] + 0.5
         rays = from_pixels(np.stack([columns, rows], axis=-1), view.intrinsics, view.lens)
-        self._rays = rays.astype(np.float32)
-        first, last, step = rays[..., 0].min(), rays[..., 0].max(), 1.0 / f_x
-        count = round((last - first) / step) + 1
-        obstacles = pack_obstacles(config.obstacles)
-        tags = marker.kind == "tag"
-        cells = _tags(config.targets) if tags else np.zeros((config.targets, 0, 0), np.float32)
-        size_ = 0.5 * MARGIN * marker.size if tags else marker.radius
-        self.shutter, self._moments = image.shutter, 1
+        first, last = float(rays[..., 0].min()), float(rays[..., 0].max())
+        count = round((last - first) * f_x) + 1
+        moments = 1
         if image.shutter > 0.0:
             speed = config.robot_of(robot).max_yaw_rate * (1.0 + max(first * first, last * last))
-            self._moments = min(max(2, math.ceil(speed * f_x * image.shutter)), MOMENTS)
-        b, k, m = self._moments, len(self._others), config.targets
-        self._before = (self._rays, np.array([first, step]), np.array([f_x, f_y, c_x, c_y]), view.lens)
-        self._world = (np.array([BODIES[r % 2] for r in self._others]).reshape(-1, 3), obstacles,
-                       np.array([o.colour for o in config.obstacles], np.float64).reshape(-1, 3))  # fmt: skip
-        self._half = half
-        self._targets = (np.full(m, size_), np.array([marker.colour_of(i) for i in range(m)], np.float64), cells)
-        self._light = (image.exposure * np.array(image.white_balance), image.noise, _normals())
-        self._work = (
-            np.zeros((b, count, 2 + k + len(obstacles), LAYER), np.float32), np.zeros((b, count), np.int64),
-            np.zeros((b, m, 8)), np.zeros((b, m), np.int64), np.zeros((view.width, 3), np.float32),
+            moments = min(max(2, math.ceil(speed * f_x * image.shutter)), MOMENTS)
+        obstacles = pack_obstacles(config.obstacles)
+        half = (math.inf, math.inf) if config.arena is None else (0.5 * config.arena[0], 0.5 * config.arena[1])
+        self._optics = (
+            _ground(rays, camera.mount_height, 1.0 / float(view.intrinsics[1])), np.rint((rays[..., 0] - first) * f_x).astype(np.int32),
+            np.array([first, 1.0 / f_x]), view.intrinsics, view.lens,
+        )  # fmt: skip
+        self._world = (
+            robot, image.shutter, np.array([config.camera_of(r).mount_height for r in range(config.robots)]), *half,
+            np.array([[one.radius, one.height] for one in robots]), np.array([ROBOTS[r % 2] for r in range(len(robots))]),
+            obstacles, np.array([one.colour for one in config.obstacles], np.float64).reshape(-1, 3),
+        )  # fmt: skip
+        tags = marker.kind == "tag"
+        self._targets = (
+            0.5 * BORDER * marker.size if tags else marker.radius,
+            np.array([marker.colour_of(i) for i in range(m)], np.float64),
+            _tags(m) if tags else np.zeros((m, 0, 0), np.float32),
+        )
+        gains = image.exposure * np.array(image.white_balance)
+        self._light = (np.tile(gains, view.width), image.noise, _normals())
+        self._room = (
+            np.zeros((moments, count, len(robots) + len(obstacles), LAYER)), np.zeros((moments, count), np.int64),
+            np.zeros((moments, m, 8)), np.zeros((moments, m), np.int64),
+            np.zeros(3 * view.width), np.zeros(3 * view.width), np.zeros(view.width),
         )  # fmt: skip
 
-    def take(self, out: Picture, poses: Float, velocities: Float, points: Float, seed: int) -> None:
-        """Take a picture.
+    def take(
+        self, out: Picture, poses: Float, velocities: Float, points: Float, seeds: NDArray[np.uint64],
+        places: NDArray[np.int64] | None = None,
+    ) -> None:  # fmt: skip
+        """Take P pictures.
 
         Args:
-            out: uint8 (H, W, 3) or (3, H, W), C-contiguous, written.
-            poses: [m, m, rad] (R, 3) of all robots in the world.
-            velocities: [m/s, m/s, rad/s] (R, 3) forward, left, yaw rate; they blur the picture.
-            points: [m] (M, 3) targets in the world.
-            seed: of the noise, 64 bits.
+            out: uint8 (..., H, W, 3) or (..., 3, H, W), C-contiguous: pictures, of which P are written.
+            poses: [m, m, rad] (P, R, 3) of all robots in the world.
+            velocities: [m/s, m/s, rad/s] (P, R, 3) forward, left, yaw rate; they blur the pictures.
+            points: [m] (P, M, 3) targets in the world.
+            seeds: (P,) of the noise.
+            places: (P,) which pictures of `out`, counted along all its leading axes; None for all.
         """
         width, height = self.view.width, self.view.height
-        steps = (3 * width, 3, 1) if out.shape[-1] == 3 and out.shape[0] == height else (width, 1, width * height)
-        moments = poses[None] if self._moments == 1 else self._meanwhile(poses, velocities)
-        bodies = np.empty((len(moments), len(self._others), 4))
-        bodies[..., :2] = moments[:, self._others, :2]
-        bodies[..., 2:] = self._bodies
+        channels_last = out.shape[-3:] == (height, width, 3)
+        steps = np.array((3 * width, 3, 1) if channels_last else (width, 1, width * height))
+        starts = (np.arange(len(poses)) if places is None else places) * (3 * width * height)
         render(
-            out.reshape(-1), np.array(steps), *self._before, np.ascontiguousarray(moments[:, self._robot]), self._mount,
-            *self._half, bodies, *self._world, points, *self._targets, *self._light, np.uint64(seed), *self._work,
+            out.reshape(-1), starts, steps, *self._optics, poses, velocities, *self._world, points, *self._targets,
+            *self._light, seeds, *self._room,
         )  # fmt: skip
 
-    def _meanwhile(self, poses: Float, velocities: Float) -> Float:
-        """[m, m, rad] (B, R, 3) poses while the shutter is open."""
-        found = np.empty((self._moments, *poses.shape))
-        for b in range(self._moments):
-            t = self.shutter * ((b + 0.5) / self._moments - 0.5)
-            for r, (pose, velocity) in enumerate(zip(poses, velocities, strict=True)):
-                found[b, r] = advance(*pose, *velocity, t)
-        return found
+
+class Pictures:
+    """The pictures that policies see of N environments: one of each robot's camera, of a size of its own.
+
+    Args:
+        config: of the environments.
+        threads: how many may ask at once.
+    """
+
+    def __init__(self, config: EnvConfig, threads: int) -> None:
+        self._sensors = [[Sensor(config, r, config.image_size) for r in range(config.robots)] for _ in range(threads)]
+
+    def take(self, out: Picture, world: World, rows: Rows, thread: int = 0) -> None:
+        """Take the pictures (N, R, 3, H, W) of the environments `rows`."""
+        poses, velocities, points = world.pose[rows], world.velocity[rows], world.points[rows]
+        for r, sensor in enumerate(self._sensors[thread]):
+            seeds = np.empty(len(rows), np.uint64)
+            draw_u64(world.streams, rows, PICTURE, seeds)
+            sensor.take(out, poses, velocities, points, seeds, rows * out.shape[1] + r)
+
+
+def _ground(rays: Float, mount: float, pixel: float) -> NDArray[np.float32]:
+    """(H, 5, W) rays (H, W, 2), and how the floor or the sky looks there: see `kernels.image_rendering.render`."""
+    x, y = np.moveaxis(rays, -1, 0)
+    below = y > HORIZON
+    z = np.where(below, mount / np.where(below, y, 1.0), 0.0)
+    far = 0.86 + 0.14 / (1.0 + 0.04 * z)
+    bright = np.where(below, far, 1.0 + 0.1 * np.maximum(y, -1.0))
+    contrast = np.where(below, far / (1.0 + 16.0 * (pixel * z * z / mount) ** 2), 0.0)  # less where a pixel is large
+    return np.stack([x, y, z, bright, contrast], axis=1).astype(np.float32)
 
 
 def _tags(count: int) -> NDArray[np.float32]:

@@ -1,0 +1,206 @@
+"""Cameras that take pictures beside analytic ones: how good detections are, and what estimators make of them."""
+
+import json
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from agents.policy import Task
+from agents.registry import agent
+from benchmarks.vision_trials import trials
+from relloc_env.config import EnvConfig, load_config
+from relloc_env.envs.onboard import informed
+from relloc_env.envs.vector import RellocVectorEnv
+from relloc_env.estimators import make, resolve
+from relloc_env.metrics import nees, nees_band, pose_errors
+from relloc_env.samples import Bool, Float
+from relloc_env.scenarios import seeds
+
+FALSE = 5.0
+"""[px] a detection farther from its target than this is one of something else."""
+ESTIMATORS = ("map-alignment", "cascade-critical", "inverse-depth", "cascade")
+Tell = Callable[[float, str], object]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What came of some episodes."""
+
+    offset: Float
+    """[px] (D, 2) of each detection from where its target is projected, column and row."""
+    distance: Float
+    """[m] (D,) depth of the target."""
+    frames: int
+    """Pictures."""
+    seen: Bool
+    """(...) in the last sample of each action, whether each target was found."""
+    visible: Bool
+    """(...) and whether an analytic camera would have it in view."""
+    poses: dict[str, tuple[Float, Float]]
+    """By estimator: [m, m, rad] (N, P, 3) error of each pose at the end, (N, P, 3, 3) its claimed covariance."""
+
+    @property
+    def error(self) -> Float:
+        """[px] (D,) distance of each detection from where its target is projected."""
+        return np.hypot(self.offset[:, 0], self.offset[:, 1])
+
+
+def play(config: EnvConfig, name: str, chosen: Sequence[int], actions: int | None, tell: Tell) -> Outcome:
+    """Play episodes at once, to their end or so many actions; all estimators see the same samples.
+
+    Args:
+        config: of the environment.
+        name: of the agent.
+        chosen: seeds.
+        actions: None for all.
+        tell: told the part that is done.
+    """
+    n, rows = len(chosen), np.arange(len(chosen))
+    envs = RellocVectorEnv(n, config, estimator=None, info=())
+    simulation, task = envs.core.simulation, Task.of(envs.config)
+    policy = agent(name)(task)
+    policy.reset(n, 0)
+    observations, _ = envs.reset(seed=list(chosen))
+    chosen_estimators = {e: make(informed(config, resolve(e)), n, config.robots, config.targets) for e in ESTIMATORS}
+    for estimator in chosen_estimators.values():
+        estimator.reset(simulation.prior, rows)
+        estimator.update(simulation.first, rows)
+    length = min(config.max_cycles - 1, actions or config.max_cycles)
+    offsets, distances, seen, visible = [], [], [], []
+    focal = config.camera_of(0).focal_length
+    for k in range(length):
+        tell(k / length, f"{name}, {n} episodes, {config.camera_of(0).kind}")
+        observations = envs.step(policy.act(task.rows(observations)).reshape(n, -1))[0]
+        for estimator in chosen_estimators.values():
+            estimator.update(simulation.samples, rows)
+        samples, poses = simulation.samples, simulation.truth.pose
+        image, depth = project(config, poses, simulation.world.points)
+        offsets.append(focal * (samples.image - image)[samples.seen])
+        distances.append(depth[samples.seen])
+        seen.append(samples.seen[:, -1].copy())
+        visible.append(simulation.world.visible.copy())
+    return Outcome(
+        np.concatenate(offsets),
+        np.concatenate(distances),
+        length * config.samples_per_action * n * config.robots,
+        np.array(seen),
+        np.array(visible),
+        {
+            e: (pose_errors(one.estimate, simulation.world.pose), one.estimate.pose_covariance.copy())
+            for e, one in chosen_estimators.items()
+        },
+    )
+
+
+def project(config: EnvConfig, poses: Float, points: Float) -> tuple[Float, Float]:
+    """Normalised image coordinates (N, K, R, M, 2) and depths [m] of targets (N, M, 3) from robots (N, K, R, 3)."""
+    d = points[:, None, None, :, :2] - poses[..., None, :2]
+    cos, sin = np.cos(poses[..., None, 2]), np.sin(poses[..., None, 2])
+    ahead, right = cos * d[..., 0] + sin * d[..., 1], sin * d[..., 0] - cos * d[..., 1]
+    mounts = np.array([config.camera_of(r).mount_height for r in range(config.robots)])
+    down = mounts[:, None] - points[:, None, None, :, 2]
+    return np.stack([right / ahead, down / ahead], axis=-1), ahead
+
+
+def detection_figures(outcome: Outcome) -> dict[str, Any]:
+    """How good the detections are."""
+    error = outcome.error
+    right = outcome.offset[error < FALSE]
+    return {
+        "frames": outcome.frames,
+        "detections": len(error),
+        "false": int(np.sum(error >= FALSE)),
+        "median_px": float(np.median(error)),
+        "error_95_px": float(np.quantile(error, 0.95)),
+        "greatest_px": float(error.max()),
+        "mean_px": right.mean(axis=0).tolist(),
+        "sd_px": right.std(axis=0).tolist(),
+        "found_of_visible": float(outcome.seen[outcome.visible].mean()),
+        "by_distance": _by_distance(outcome),
+    }
+
+
+def _by_distance(outcome: Outcome) -> dict[str, Any]:
+    """Root mean square of a coordinate's error [px] in each two metres of depth."""
+    found = {}
+    for near in range(0, 12, 2):
+        part = (outcome.distance >= near) & (outcome.distance < near + 2) & (outcome.error < FALSE)
+        if part.sum() > 10:
+            found[f"{near}-{near + 2} m"] = float(np.sqrt(np.mean(outcome.offset[part] ** 2)))
+    return found
+
+
+def pose_figures(outcome: Outcome) -> dict[str, Any]:
+    """How good the poses are at the end, by estimator."""
+    found = {}
+    for name, (error, claimed) in outcome.poses.items():
+        position = np.hypot(error[..., 0], error[..., 1])
+        squares = nees(error, claimed)
+        found[name] = {
+            "position_rms_m": float(np.sqrt(np.mean(position**2))),
+            "position_median_m": float(np.median(position)),
+            "heading_rms_deg": math.degrees(float(np.sqrt(np.mean(error[..., 2] ** 2)))),
+            "nees_mean": float(np.mean(squares)),
+            "nees_median": float(np.median(squares)),
+            "nees_band": list(nees_band(3, len(error))),
+        }
+    return found
+
+
+def run(
+    out: Path, *, episodes: int = 100, repetitions: int = 5, pictures: int = 200, actions: int | None = None,
+    name: str = "sinusoid", tell: Tell,
+) -> dict[str, Any]:  # fmt: skip
+    """Measure, and write `vision.json` into a folder.
+
+    Args:
+        out: folder, made where it is missing.
+        episodes: of `open-field`, seeds of the test set.
+        repetitions: of the paper's experiment, which differ in their noise.
+        pictures: of each row of the table of hard cases.
+        actions: of each episode; None for all.
+        name: of the agent in `open-field`.
+        tell: told the part that is done.
+
+    Returns:
+        What `vision.json` holds.
+    """
+    out.mkdir(parents=True, exist_ok=True)
+    noise = load_config(None, camera="image").camera_of(0).image.detection_noise
+    results: dict[str, Any] = {
+        "settings": {"episodes": episodes, "actions": actions, "agent": name, "noise_px": noise},
+        "trials": trials(pictures, lambda done, words: tell(0.05 * done, words)),
+        "runs": {},
+    }
+    jobs = [
+        (scenario, kind, motion, count)
+        for scenario, motion, count in (("paper-experiment", "paper", repetitions), ("open-field", name, episodes))
+        for kind in ("analytic", "image")
+    ]
+    for k, (scenario, kind, motion, count) in enumerate(jobs):
+
+        def part(done: float, words: str, k: int = k) -> None:
+            tell(0.05 + 0.95 * (k + done) / len(jobs), words)
+
+        config = load_config(scenario, camera={"kind": kind, "pixel_noise": noise})
+        outcome = play(config, motion, seeds("test", count), actions, part)
+        results["runs"][f"{scenario}, {kind}"] = {
+            "episodes": count,
+            "detections": detection_figures(outcome),
+            "poses": pose_figures(outcome),
+        }
+        (out / "vision.json").write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
+    return results
+
+
+def ratios(results: Mapping[str, Any]) -> dict[str, dict[str, float]]:
+    """By scenario and estimator, position error through pictures over that of the analytic camera."""
+    found: dict[str, dict[str, float]] = {}
+    for scenario in ("paper-experiment", "open-field"):
+        image, analytic = (results["runs"][f"{scenario}, {kind}"]["poses"] for kind in ("image", "analytic"))
+        found[scenario] = {e: image[e]["position_rms_m"] / analytic[e]["position_rms_m"] for e in image}
+    return found
