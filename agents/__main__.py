@@ -39,20 +39,37 @@ def demo(
 def film(
     out: Annotated[Path, typer.Option(help="The animation, .gif or .mp4.")] = Path("out/film.gif"),
     motion: Annotated[str, typer.Option(help="Name of the agent.")] = "edge-near",
+    beside: Annotated[str | None, typer.Option(help="Another agent from the same start, beside it.")] = None,
+    titles: Annotated[str, typer.Option(help="What to call them in the picture, parted by commas.")] = "",
     estimator: Annotated[str, typer.Option(help="Name of the estimator.")] = "map-alignment",
     seed: Annotated[int, typer.Option(min=0, help="Seed of the episode.")] = 4,
     width: Annotated[int, typer.Option(min=320, help="Width of the picture [px].")] = 720,
     faster: Annotated[float, typer.Option(min=0.1, help="Times as fast as the robots.")] = 3.0,
+    dark: Annotated[bool, typer.Option("--dark", help="Light on dark.")] = False,
+    rerun: Annotated[
+        Path | None, typer.Option(help="A file, .rrd, of the first motion for the viewer of Rerun (extra: rerun).")
+    ] = None,
 ) -> None:
     """Draw one episode of the default task, with the estimator of your choice: two robots find each other."""
     try:
         from agents.film import film as draw
-        from agents.registry import agent
+        from agents.registry import agent, short
         from relloc_env.config import load_config
     except ModuleNotFoundError as error:
         _stop(f"The package `{error.name}` is missing: pip install -e '.[render,logs]'")
     try:
-        draw(out, load_config(estimator=estimator), agent(motion), seed=seed, width=width, faster=faster)
+        shown = [motion] if beside is None else [motion, beside]
+        called = names(titles) or tuple(map(short, shown))
+        if len(called) != len(shown):
+            _stop(f"Argument `titles` must have one for each of {len(shown)} agents, but has {len(called)}")
+        draw(
+            out, load_config(estimator=estimator), dict(zip(called, map(agent, shown), strict=True)),
+            seed=seed, width=width, faster=faster, theme="dark" if dark else "light", rerun=rerun,
+        )  # fmt: skip
+    except ModuleNotFoundError as error:
+        if error.name != "rerun":
+            raise
+        _stop("The package `rerun` is missing: pip install -e '.[rerun]'")
     except (ValueError, OSError) as error:
         _stop(str(error))
     typer.echo(f"Film: {out}")

@@ -1,27 +1,83 @@
-"""One episode as an animation."""
+"""One episode as an animation; or two motions from the same start, side by side."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
-from PIL import Image
+from numpy.typing import NDArray
 
 from agents.policy import Policy, Task
 from agents.rollout import rollout
 from relloc_env.config import EnvConfig
 from relloc_env.envs.parallel import RellocParallelEnv
-from relloc_env.rendering.animation import save_animation
+from relloc_env.envs.picture import Picture
+from relloc_env.rendering import Renderer, Scene, save_animation
+from relloc_env.rendering.rerun_file import recorder
+
+EVERY = 2
+"""Actions between two pictures."""
+PAUSE = 2.0
+"""[s] that the last picture stays."""
+TALL = 1.04
+"""Height over width of each of two panels."""
 
 
 def film(
-    out: Path, config: EnvConfig, build: Callable[[Task], Policy], *, seed: int, width: int = 720, faster: float = 3.0
+    out: Path,
+    config: EnvConfig,
+    motions: Mapping[str, Callable[[Task], Policy]],
+    *,
+    seed: int,
+    width: int = 720,
+    faster: float = 3.0,
+    theme: Literal["light", "dark"] = "light",
+    rerun: Path | None = None,
 ) -> None:
-    """Draw an episode, every second action, and write it as GIF or MP4."""
-    env = RellocParallelEnv(config, bound=True, render_mode="rgb_array")
-    episode = rollout(env, build(Task.of(env)), seed, frames=True)
-    env.close()
-    frames = episode.frames[::2]
-    size = (width, 2 * round(0.5 * width * frames[0].shape[0] / frames[0].shape[1]))
-    pages = [np.asarray(Image.fromarray(frame).resize(size, Image.Resampling.LANCZOS)) for frame in frames]
+    """Draw an episode, every second action, and write it as GIF or MP4.
+
+    Args:
+        out: file to write.
+        config: of the environment.
+        motions: what builds one agent or two, by what to call it in the picture; two start from the same place, each
+            in a panel of its own.
+        seed: of the episode.
+        width: [px] of the picture.
+        faster: times as fast as the robots.
+        theme: `light` or `dark`.
+        rerun: file for the first motion's recording for Rerun; None for none.
+
+    Raises:
+        ValueError: no motion, or more than two.
+    """
+    if not 1 <= len(motions) <= 2:
+        raise ValueError(f"Argument `motions` must have one entry or two, but has {len(motions)}")
+    episodes = [scenes(config, build, seed, title) for title, build in motions.items()]
+    alone = len(episodes) == 1
+    with recorder(rerun) as write:
+        for scene in episodes[0] if write is not None else ():
+            write(scene)
+    size = (width, 2 * round(width * 9 / 32)) if alone else (width // 2, round(TALL * (width // 2)))
+    panels = [Renderer(size, theme=theme) for _ in episodes]
+    frames: list[NDArray[np.uint8]] = []
+    for instants in zip(*(episode[::EVERY] for episode in episodes), strict=True):
+        drawn = [panel.draw(scene) for panel, scene in zip(panels, instants, strict=True)]
+        frames.append(np.concatenate([picture for picture in drawn if picture is not None], axis=1))
+    rate = faster / (episodes[0][EVERY].time - episodes[0][0].time)
     out.parent.mkdir(parents=True, exist_ok=True)
-    save_animation(pages, out, faster * len(frames) / float(episode.time[-1]))
+    save_animation(frames + frames[-1:] * round(PAUSE * rate), out, rate)
+
+
+def scenes(config: EnvConfig, build: Callable[[Task], Policy], seed: int, title: str) -> list[Scene]:
+    """Play an episode, and return what there was to see at its start and after each action."""
+    env = RellocParallelEnv(config, bound=True)
+    picture, seen = Picture(env.core, "rgb_array"), list[Scene]()
+
+    def watch() -> None:
+        picture.follow(new=not seen)
+        seen.append(replace(picture.scene(), title=title))
+
+    rollout(env, build(Task.of(env)), seed, watch=watch)
+    env.close()
+    return seen

@@ -91,6 +91,7 @@ def rollout(
     seed: int,
     *,
     frames: bool = False,
+    watch: Callable[[], object] = lambda: None,
     progress: Callable[[float], None] = lambda _: None,
 ) -> Episode:
     """Play one episode through the PettingZoo door.
@@ -100,6 +101,7 @@ def rollout(
         policy: built for the task of this environment.
         seed: of the scenario, and of the policy.
         frames: whether to keep a picture of each instant.
+        watch: called at each instant, when the environment is there.
         progress: told the part of the episode that is over.
     """
     task = Task.of(env)
@@ -110,12 +112,14 @@ def rollout(
         policy.see(world.pose.copy(), world.points.copy())  # type: ignore[attr-defined]
     record = _Record(env, task)
     record.add(observations, infos, frames)
+    watch()
     total = 0.0
     while env.agents:
         chosen = policy.act(task.rows(observations))[0].astype(np.float32)
         observations, rewards, _, _, infos = env.step(dict(zip(env.agents, chosen, strict=True)))
         total += sum(rewards.values()) / len(rewards)
         record.add(observations, infos, frames)
+        watch()
         progress(record.count / task.config.max_cycles)
     return record.episode(total)
 

@@ -7,10 +7,11 @@ from types import MappingProxyType
 import numpy as np
 from scipy import stats
 
-from agents.benchmark import IDS, Result, load, of
+from agents.jobs import IDS
 from agents.report.cells import number
 from agents.report.columns import J_10, J_END, MADE, MOVED, TOLD, Column, figures, shown
 from agents.report.summary import command
+from agents.results import Result, load, of
 from agents.statistics import mean_difference
 
 REASONS = ("excitation", "information_end", "seen")

@@ -37,11 +37,11 @@ class Picture:
         if self._mode is None:
             return
         simulation, n = self._core.simulation, self._n
-        poses = simulation.world.pose[n][None] if new else simulation.truth.pose[n]
+        places = simulation.world.pose[n, None, :, :2] if new else simulation.truth.pose[n, ..., :2]
         for r, trail in enumerate(self._trails):
             if new:
                 trail.clear()
-            trail.extend(pose[r, :2].copy() for pose in poses)
+            trail.append(places[:, r].copy())
         if self._course is None:
             from relloc_env.rendering.course import Course
 
@@ -70,7 +70,7 @@ class Picture:
     def scene(self) -> "Scene":
         """The present, to be drawn or recorded; only with a mode, and after `follow`."""
         assert self._course is not None
-        return scene(self._core, self._n, [np.array(trail) for trail in self._trails], self._course)
+        return scene(self._core, self._n, [np.concatenate(trail) for trail in self._trails], self._course)
 
     def _draw(self) -> Any:
         if self._renderer is None:

@@ -60,6 +60,7 @@ class Canvas:
         self._clip = (0.0, 0.0, float(size[0]), float(size[1]))
         self._queue: list[tuple[Surface, tuple[int, int], Box]] = []
         self._letterings: dict[tuple[str, float, Colour, bool], Surface] = {}
+        self._widths: dict[tuple[str, int, bool], int] = {}
         self._fonts: dict[tuple[int, bool], Font] = {}
 
     def fill(self, colour: Colour) -> None:
@@ -185,8 +186,12 @@ class Canvas:
 
     def width_of(self, words: str, size: float, *, bold: bool = False) -> int:
         """Width [px] of words."""
-        width: int = self._font(size, bold).size(words)[0]
-        return width
+        key = (words, round(size), bold)
+        if key not in self._widths:
+            if len(self._widths) >= _LETTERINGS_KEPT:
+                self._widths.clear()
+            self._widths[key] = self._font(size, bold).size(words)[0]
+        return self._widths[key]
 
     def fitting(self, words: str, size: float, width: float, *, bold: bool = False) -> float:
         """Return the greatest letter size, at most `size` and at least 8 px, at which words fit into a width [px]."""

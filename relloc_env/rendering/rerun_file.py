@@ -192,7 +192,7 @@ class RerunFile:
             places, covariances = [], []
             for m in known:
                 place, covariance = in_space(believed.points[robot, m], believed.points_covariance[robot, m])
-                places.append(place + [0.0, 0.0, camera.mount])
+                places.append(place + np.array([0.0, 0.0, camera.mount]))
                 covariances.append(covariance)
             path = f"{_path(robot)}/believed/points"
             self._log(path, self._regions(places, covariances, LIGHT.robot(robot)))
@@ -254,7 +254,7 @@ def recorder(path: str | Path | None, every: float = 0.25) -> Iterator[Callable[
 
 
 def in_space(point: Float, covariance: Float) -> tuple[Float, Float]:
-    """Place (3,) [m] of a point (beta, eta, rho) from its camera, x ahead and z up, and its covariance to first order."""
+    """Place (3,) [m] of a point (beta, eta, rho) from its camera, x ahead and z up; its covariance to first order."""
     beta, eta, rho = point[0], point[1], max(float(point[2]), 1e-3)
     reach, cos, sin = 1.0 / rho, math.cos(beta), math.sin(beta)
     slope = reach * np.array([[-sin, 0.0, -cos * reach], [cos, 0.0, -sin * reach], [0.0, 1.0, -eta * reach]])

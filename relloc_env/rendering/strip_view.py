@@ -1,6 +1,7 @@
 """Numbers over time: one strip each, a line per robot, with the band of honest values and the bound."""
 
 import math
+from functools import lru_cache
 
 import numpy as np
 
@@ -25,22 +26,26 @@ def window(scene: Scene) -> tuple[float, float]:
     return start, start + scene.horizon
 
 
-def height_of(value: Float | float, span: tuple[float, float]) -> Float:
-    """How high values lie on a logarithmic axis, 0 to 1."""
-    with np.errstate(divide="ignore", invalid="ignore"):
-        share = np.log(np.maximum(value, 0.0) / span[0]) / math.log(span[1] / span[0])
-    clipped: Float = np.clip(share, 0.0, 1.0)
+def heights_of(values: Float, span: tuple[float, float]) -> Float:
+    """How high values lie on a logarithmic axis, 0 to 1; NaN stays."""
+    share = np.log(np.maximum(values, span[0]) / span[0]) / math.log(span[1] / span[0])
+    clipped: Float = np.minimum(share, 1.0)
     return clipped
+
+
+def height_of(value: float, span: tuple[float, float]) -> float:
+    """How high a positive value lies on a logarithmic axis, 0 to 1."""
+    return min(max(math.log(value / span[0]) / math.log(span[1] / span[0]), 0.0), 1.0)
 
 
 def draw_frame(canvas: Canvas, box: Box, strip: Strip, theme: Theme, letters: float) -> None:
     """Draw what does not move: the band and a line per decade."""
     left, top, width, height = chart_of(box, letters)
     if strip.band is not None:
-        low, high = (top + height * (1.0 - float(height_of(value, strip.span))) for value in strip.band)
+        low, high = (top + height * (1.0 - height_of(value, strip.span)) for value in strip.band)
         canvas.rectangle((left, high, width, low - high), band_colour(theme))
     for decade in _decades(strip.span):
-        y = top + height * (1.0 - float(height_of(decade, strip.span)))
+        y = top + height * (1.0 - height_of(decade, strip.span))
         canvas.line((left, y), (left + width, y), theme.grid, 1.0)
     canvas.line((left, top + height), (left + width, top + height), mix(theme.page, theme.edge, 0.6), 1.0)
 
@@ -50,18 +55,20 @@ def draw_strip(canvas: Canvas, box: Box, strip: Strip, scene: Scene, theme: Them
     chart = chart_of(box, letters)
     left, top, width, height = chart
     for decade in _labelled(strip.span, height / letters):
-        y = top + height * (1.0 - float(height_of(decade, strip.span)))
+        y = top + height * (1.0 - height_of(decade, strip.span))
         canvas.text(f"{decade:g}", (left - 0.4 * letters, y), 0.85 * letters, theme.muted, anchor=(1.0, 0.5))
     start, end = window(scene)
-    shown = np.flatnonzero(strip.time >= start)
-    step = 1 + len(shown) // _CORNERS
-    shown = shown[(len(shown) - 1) % step :: step]
+    first = int(np.searchsorted(strip.time, start))
+    step = 1 + (len(strip.time) - first) // _CORNERS
+    shown = np.s_[first + (len(strip.time) - 1 - first) % step :: step]
     across = left + width * (strip.time[shown] - start) / (end - start)
+    lines = [(line, theme.robot(robot), max(1.25, 1.75 * ui)) for robot, line in enumerate(strip.lines)]
+    if strip.bound is not None:
+        lines.insert(0, (strip.bound, bound_colour(theme), max(1.0, 1.25 * ui)))
     with canvas.inside((left, top - ui, width, height + 2.0 * ui)):
-        if strip.bound is not None:
-            _line(canvas, across, strip.bound[shown], strip, chart, bound_colour(theme), max(1.0, 1.25 * ui))
-        for robot, line in enumerate(strip.lines):
-            _line(canvas, across, line[shown], strip, chart, theme.robot(robot), max(1.25, 1.75 * ui))
+        for line, colour, thick in lines:
+            down = top + height * (1.0 - heights_of(line[shown], strip.span))
+            _line(canvas, np.stack([across, down], axis=1), colour, thick)
     _words(canvas, box, strip, theme, letters)
 
 
@@ -83,13 +90,14 @@ def bound_colour(theme: Theme) -> Colour:
     return mix(theme.page, theme.ink, 0.55)
 
 
-def _line(canvas: Canvas, across: Float, values: Float, strip: Strip, chart: Box, colour: Colour, width: float) -> None:
+def _line(canvas: Canvas, corners: Float, colour: Colour, width: float) -> None:
     """Draw a line, broken where there is no number, with a dot at its newest one."""
-    _, top, _, tall = chart
-    corners = np.stack([across, top + tall * (1.0 - height_of(values, strip.span))], axis=1)
-    there = np.isfinite(values)
-    for part in np.split(corners, np.flatnonzero(~there)):
-        canvas.path(part[np.isfinite(part[:, 1])], colour, width)
+    there = np.isfinite(corners[:, 1])
+    if there.all():
+        canvas.path(corners, colour, width)
+    else:
+        for part in np.split(corners, np.flatnonzero(~there)):
+            canvas.path(part[np.isfinite(part[:, 1])], colour, width)
     if len(there) and there[-1]:
         canvas.disc(corners[-1].tolist(), 1.5 * width, colour)
 
@@ -119,14 +127,16 @@ def _words(canvas: Canvas, box: Box, strip: Strip, theme: Theme, letters: float)
         x += name + number + gap
 
 
+@lru_cache(maxsize=64)
 def _decades(span: tuple[float, float]) -> list[float]:
     """Powers of ten inside an axis."""
     first, last = math.ceil(math.log10(span[0]) - 1e-9), math.floor(math.log10(span[1]) + 1e-9)
     return [10.0**k for k in range(first, last + 1)]
 
 
+@lru_cache(maxsize=64)
 def _labelled(span: tuple[float, float], room: float) -> list[float]:
     """Powers of ten that are written out, fewer where there is little room [letters]."""
-    inner = [decade for decade in _decades(span) if 0.04 < float(height_of(decade, span)) < 0.96]
+    inner = [decade for decade in _decades(span) if 0.04 < height_of(decade, span) < 0.96]
     step = max(1, math.ceil(1.3 * len(inner) / max(room, 1.0)))
     return inner[::step]

@@ -172,7 +172,7 @@ def _outline_of_robot(centre: tuple[float, float], heading: float, radius: float
 
 
 def _size_of_robot(frame: MapFrame, scene: Scene, ui: float) -> float:
-    return max(scene.robot_radius * frame.scale, 7.0 * ui)
+    return max(scene.robot_radius * frame.scale, 7.0 * ui, 6.5)
 
 
 def _draw_robot(canvas: Canvas, frame: MapFrame, scene: Scene, robot: int, theme: Theme, ui: float) -> None:
@@ -187,8 +187,8 @@ def _draw_robot(canvas: Canvas, frame: MapFrame, scene: Scene, robot: int, theme
         canvas.line((middle - across).tolist(), (middle + across).tolist(), theme.ink, 3.0 * ui)
     canvas.polygon(_outline_of_robot(centre, pose[2], radius + 1.5 * ui), theme.floor)
     canvas.polygon(_outline_of_robot(centre, pose[2], radius), colour)
-    if radius >= 7.0:
-        canvas.text(robot_name(robot), centre, 1.2 * radius, theme.on_robot, anchor=(0.5, 0.5), bold=True)
+    if radius >= 6.5:
+        canvas.text(robot_name(robot), centre, max(1.2 * radius, 8.0), theme.on_robot, anchor=(0.5, 0.5), bold=True)
 
 
 def _draw_regions(canvas: Canvas, frame: MapFrame, scene: Scene, theme: Theme, ui: float) -> None:
@@ -230,5 +230,6 @@ def _draw_believed(canvas: Canvas, frame: MapFrame, scene: Scene, theme: Theme, 
         pose, mean, colour = scene.poses[robot], believed.pose[pair], theme.robot(int(robot))
         centre, radius = frame.pixel(geometry.to_world(pose, mean[None, :2])[0]), _size_of_robot(frame, scene, ui)
         canvas.outline(_outline_of_robot(centre, pose[2] + mean[2], radius), colour, width)
-        if radius >= 7.0 and math.dist(centre, frame.pixel(scene.poses[other])) > 1.5 * radius:
-            canvas.text(robot_name(int(other)), centre, 1.1 * radius, mix(colour, theme.ink, 0.2), anchor=(0.5, 0.5))
+        if radius >= 6.5 and math.dist(centre, frame.pixel(scene.poses[other])) > 1.5 * radius:
+            letters, shade = max(1.1 * radius, 8.0), mix(colour, theme.ink, 0.2)
+            canvas.text(robot_name(int(other)), centre, letters, shade, anchor=(0.5, 0.5))

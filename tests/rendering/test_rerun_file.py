@@ -108,5 +108,5 @@ def test_every_start_has_a_file(tmp_path: Path) -> None:
 
 
 def test_a_wrong_name_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match="`path` must end in .rrd"):
+    with pytest.raises(ValueError, match=r"`path` must end in \.rrd"):
         RerunFile(tmp_path / "a.mcap")
