@@ -56,8 +56,9 @@ def film(
     episodes = [scenes(config, build, seed, title) for title, build in motions.items()]
     alone = len(episodes) == 1
     with recorder(rerun) as write:
-        for scene in episodes[0] if write is not None else ():
-            write(scene)
+        if write is not None:
+            for scene in episodes[0]:
+                write(scene)
     size = (width, 2 * round(width * 9 / 32)) if alone else (width // 2, round(TALL * (width // 2)))
     panels = [Renderer(size, theme=theme) for _ in episodes]
     frames: list[NDArray[np.uint8]] = []

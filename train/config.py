@@ -15,7 +15,7 @@ from agents.playing import SCORES
 from agents.policy import Task
 from agents.registry import AGENTS, agent
 from relloc_env.config import ConfigError, EnvConfig, hint, load_config, read_file, validate
-from relloc_env.config.models import Model, Positive
+from relloc_env.config.base import Model, Positive
 from relloc_env.scenarios import suite
 
 CONFIGS = Path(__file__).parent / "configs"

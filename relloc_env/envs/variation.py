@@ -7,7 +7,7 @@ import numpy as np
 from pydantic import Field, field_validator, model_validator
 
 from relloc_env.config import ConfigError, EnvConfig, load_config, validate
-from relloc_env.config.models import Model
+from relloc_env.config.base import Model
 from relloc_env.envs.onboard import informed
 from relloc_env.scenarios import suite
 
