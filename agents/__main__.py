@@ -146,6 +146,7 @@ def tables(
     show: Annotated[str, typer.Option(help="Which: told, over, made, ranks, suites; parted by commas.")] = "told",
     over: Annotated[str, typer.Option(help="Agents over which `over` gives the others' paired differences.")] = "",
     agents: Annotated[str, typer.Option(help="Agents to show; all: every one.")] = EVERY,
+    suite: Annotated[str, typer.Option(help="Suites to show; all: every one.")] = EVERY,
 ) -> None:
     """Print tables of results as Markdown, with the commands that made them."""
     try:
@@ -153,7 +154,8 @@ def tables(
     except ModuleNotFoundError as error:
         _stop(f"The package `{error.name}` is missing: pip install -e '.[agents]'")
     try:
-        typer.echo(markdown(out, names(show), names(over), () if agents == EVERY else names(agents)))
+        chosen = (() if text == EVERY else names(text) for text in (agents, suite))
+        typer.echo(markdown(out, names(show), names(over), *chosen))
     except (ValueError, OSError) as error:
         _stop(str(error))
 

@@ -9,7 +9,7 @@ from scipy import stats
 
 from agents.jobs import IDS
 from agents.report.cells import number
-from agents.report.columns import J_10, J_END, MADE, MOVED, TOLD, Column, figures, shown
+from agents.report.columns import J_10, J_END, MADE, MOVED, TOLD, Column, shown
 from agents.report.summary import command
 from agents.results import Result, load, of
 from agents.statistics import mean_difference
@@ -24,7 +24,11 @@ Table = Callable[[list[Result], Sequence[str], int], Iterator[str]]
 
 
 def markdown(
-    folders: Sequence[Path], kinds: Sequence[str], over: Sequence[str] = (), agents: Sequence[str] = ()
+    folders: Sequence[Path],
+    kinds: Sequence[str],
+    over: Sequence[str] = (),
+    agents: Sequence[str] = (),
+    shown_suites: Sequence[str] = (),
 ) -> str:
     """The tables of some folders of one id, whose seeds are of the same set.
 
@@ -33,6 +37,7 @@ def markdown(
         kinds: of `KINDS`.
         over: agents over which the others' differences are given, in the kind `over`.
         agents: that are shown; none for all.
+        shown_suites: the same of suites.
 
     Raises:
         ValueError: folders without results or not of the same task, and kinds that are none.
@@ -48,6 +53,8 @@ def markdown(
     results = [result for _, _, part in found for result in part if not agents or result.job.agent in wanted]
     lines = ["```sh", *(command(asked, folder) for folder, asked, _ in found), "```", ""]
     for name in dict.fromkeys(result.job.suite for result in results):
+        if shown_suites and name not in shown_suites:
+            continue
         within = of(results, suite=name)
         for kind in kinds:
             if kind != "suites":
@@ -58,7 +65,7 @@ def markdown(
 
 
 def told(results: list[Result], _: Sequence[str], robots: int) -> Iterator[str]:
-    """What the motions tell, of one suite; motions that do not depend on the estimator once."""
+    """What the motions tell, of one suite: each agent with the first estimator that it was played with."""
     return _columns(_alike(results), shown(TOLD, robots) + _named(MOVED, ("path",)), robots)
 
 
@@ -131,9 +138,9 @@ def _columns(results: Sequence[Result], columns: Sequence[Column], robots: int) 
     units = [f"{head} [{column.unit}]" for head, column in zip(heads, columns, strict=True)]
     yield from _head(["agent", *(["estimator"] if several else []), *units])
     for result in sorted(results, key=_worth):
-        about, cells = figures(result, robots), []
+        cells = []
         for column in columns:
-            figure = about[column.key]
+            figure = column.of(result.scores[column.score])
             value, *ends = (
                 number(column.scale * part, column.digits) for part in (figure.value, figure.low, figure.high)
             )
