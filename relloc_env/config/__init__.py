@@ -5,21 +5,18 @@
 
 from relloc_env.config.imaging import ImageConfig, MarkerConfig
 from relloc_env.config.loading import load_config, read_file, validate
-from relloc_env.config.models import (
+from relloc_env.config.models import REWARD_TERMS, ConfigError, EnvConfig, hint
+from relloc_env.config.parts import (
     CAMERAS,
-    REWARD_TERMS,
     BoxConfig,
     CameraConfig,
-    ConfigError,
     DiscConfig,
-    EnvConfig,
     GainsConfig,
     GuessConfig,
     NetworkConfig,
     RobotConfig,
     ShieldConfig,
     StartConfig,
-    hint,
 )
 
 __all__ = [

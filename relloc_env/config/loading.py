@@ -8,7 +8,8 @@ from typing import Any, TypeVar, get_args
 import yaml
 from pydantic import BaseModel, ValidationError
 
-from relloc_env.config.models import KINDS, CameraConfig, ConfigError, EnvConfig, hint
+from relloc_env.config.models import ConfigError, EnvConfig, hint
+from relloc_env.config.parts import KINDS, CameraConfig
 
 M = TypeVar("M", bound=BaseModel)
 

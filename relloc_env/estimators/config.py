@@ -138,7 +138,7 @@ class MapAlignmentConfig(EstimatorOptions):
     of each sample where messages may be late or lost)."""
     challenger_every: Annotated[int, Field(ge=1)] = 3
     """[alignments] between two challengers of the global search once the heading is known; one each before. Alignments
-    that are ten samples apart or more have four challengers each."""
+    that are ten samples apart or more have six challengers each."""
     grid_period: PositiveFloat | None = 0.25
     """[s] while the heading is uncertain, the pose comes from a grid of headings, renewed this often. None: never."""
     mirror: bool = True

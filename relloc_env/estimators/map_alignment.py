@@ -19,7 +19,7 @@ NOMINAL = np.array([1.0, 1.0, 0.0, 0.0, 0.0])
 """Calibration of a robot as built: scales 1, no loss, camera straight ahead, no delay."""
 RARE = 10
 """[samples] between two alignments from which on each has several challengers: the search is over sooner."""
-CHALLENGERS = 4
+CHALLENGERS = 6
 """Their number."""
 
 

@@ -1,8 +1,6 @@
 """The vector door is N single environments, to the last bit; and what Gymnasium's vector interface asks for."""
 
 import copy
-import pickle
-import re
 from collections.abc import Callable
 from typing import Any
 
@@ -10,78 +8,13 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.error import ResetNeeded
-from gymnasium.vector import AutoresetMode, SyncVectorEnv, VectorEnv
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from gymnasium.wrappers import vector as wrappers
 
 import relloc_env
 from relloc_env.config import ConfigError
-from relloc_env.envs.centralised import RellocEnv
 from relloc_env.envs.vector import RellocVectorEnv
-from relloc_env.estimators.cascade import Cascade
-from relloc_env.estimators.config import CascadeConfig
-
-IDS = ("relloc_env/ActiveDepth-v0", "relloc_env/RelativePose-v0")
-ROUGH: dict[str, Any] = {
-    "estimator": "cascade",
-    "shield": None,
-    "arena": (4.0, 3.0),
-    "obstacles": [{"shape": "disc", "position": (0.9, 0.2), "radius": 0.3, "height": 0.35}],
-    "robot": {"lag": (0.1, 0.05), "actuator_noise": (0.02, 0.05)},
-    "camera": {"preset": "pi", "miss_probability": 0.1, "frame_rate": 15.0},
-    "start": {"target_distance": (0.5, 3.5), "in_view": False, "robot_distance": 0.45, "margin": 0.25},
-    "network": {"latency": 0.1, "jitter": 0.15, "loss": 0.2},
-    "terminate_on_collision": True,
-    "max_cycles": 12,
-}
-"""Episodes that end at different times, some by a collision, some at the horizon."""
-
-CASES: dict[str, dict[str, Any]] = {
-    "rough": ROUGH,
-    "rough-dict": {**ROUGH, "observation": "dict"},
-    "rough-bare": {**ROUGH, "estimator": None},
-    "one": {**ROUGH, "robots": 1},
-    "success": {"estimator": "cascade", "terminate_on_success": True, "success": (0.9, 40.0), "max_cycles": 15},
-}
-
-
-def both(count: int, options: dict[str, Any], mode: str) -> tuple[RellocVectorEnv, SyncVectorEnv]:
-    single = SyncVectorEnv([lambda: RellocEnv(**options)] * count, autoreset_mode=mode)
-    return RellocVectorEnv(count, autoreset_mode=mode, **options), single
-
-
-def same(found: Any, expected: Any, where: str = "") -> None:
-    """The same to the last bit: names, shapes, types, numbers."""
-    if isinstance(expected, dict):
-        assert found.keys() == expected.keys(), where
-        for name, part in expected.items():
-            same(found[name], part, f"{where}.{name}")
-    elif isinstance(expected, tuple):
-        assert len(found) == len(expected)
-        for n, part in enumerate(expected):
-            same(found[n], part, f"{where}[{n}]")
-    elif isinstance(expected, np.ndarray) and expected.dtype == object:
-        for n, part in enumerate(expected):
-            same(found[n], part, f"{where}[{n}]")
-    elif isinstance(expected, np.ndarray):
-        assert isinstance(found, np.ndarray), where
-        assert (found.shape, found.dtype) == (expected.shape, expected.dtype), where
-        np.testing.assert_array_equal(found, expected, where)
-    else:
-        assert found == expected, where
-
-
-def drive(rng: np.random.Generator, env: VectorEnv[Any, Any, Any]) -> Any:
-    shape = env.action_space.shape
-    assert shape is not None
-    actions = rng.uniform(-1, 1, shape).astype(np.float32)
-    actions[:, ::2] = np.sign(actions[:, ::2] + 0.5)
-    return actions
-
-
-def mask_of(count: int, rows: Any) -> Any:
-    mask = np.zeros(count, np.bool_)
-    mask[rows] = True
-    return mask
+from tests.envs.batches import CASES, IDS, ROUGH, both, drive, same
 
 
 @pytest.mark.parametrize("mode", ["NextStep", "SameStep", "Disabled"])
@@ -270,145 +203,6 @@ def test_leaner_infos() -> None:
         RellocVectorEnv(2, info="truth")
 
 
-def test_restored_states_go_on_bit_for_bit() -> None:
-    """A mask's states, one of them in contact, through a pickle, to other places of another environment; 30 steps."""
-    options = {**ROUGH, "terminate_on_collision": False, "max_cycles": 50}
-    env, other = RellocVectorEnv(5, **options), RellocVectorEnv(3, **options)
-    rng = np.random.default_rng(5)
-    env.reset(seed=3)
-    contact = env.core.simulation.world.contact
-    actions = drive(rng, env)
-    for _ in range(40):
-        env.step(actions)
-        if contact[1:].any():
-            break
-    one = 1 + int(np.flatnonzero(contact[1:].any(axis=1))[0])
-    other.reset(seed=77)
-    left_alone = other.get_state(1)
-    other.set_state(pickle.loads(pickle.dumps(env.get_state(mask_of(5, [0, one])))), [2, 0])
-    np.testing.assert_equal(other.get_state(1), left_alone)
-    for _ in range(30):
-        actions = drive(rng, env)
-        a, b = env.step(actions), other.step(actions[[one, 2, 0]])
-        for found, expected in zip(b[:4], a[:4], strict=True):
-            np.testing.assert_array_equal(found[[2, 0]], expected[[0, one]])
-
-
-def test_state_of_another_kind_is_refused() -> None:
-    env = RellocVectorEnv(2, **ROUGH)
-    env.reset(seed=1)
-    before = pickle.dumps(env.get_state())
-    wrong: list[Any] = [None, {}, env.get_state(0), RellocVectorEnv(2, estimator=None).get_state()]
-    for state in wrong:
-        with pytest.raises(ValueError, match="Argument `state"):
-            env.set_state(state)
-    for which in (np.ones(3, np.bool_), [2], [-1], [0.5], "all"):
-        with pytest.raises(ValueError, match=r"Argument `which` must be a mask of \(2,\) or indices below 2"):
-            env.get_state(which)  # type: ignore[arg-type]
-    assert pickle.dumps(env.get_state()) == before
-
-
-def test_clones() -> None:
-    """50 copies in mid-episode: with the same streams they go on as the original does; else each on its own."""
-    env = RellocVectorEnv(3, **{**ROUGH, "max_cycles": 100, "terminate_on_collision": False})
-    rng = np.random.default_rng(6)
-    env.reset(seed=3)
-    for _ in range(5):
-        env.step(drive(rng, env))
-    before = pickle.dumps(env.get_state())
-    replay, apart = env.clone(1, 50, same_streams=True), env.clone(1, 50, seed=9)
-    again = env.clone(1, 50, seed=9)
-    assert pickle.dumps(env.get_state()) == before
-    streams = apart.core.simulation.world.streams.reshape(-1, 2)
-    assert len({line.tobytes() for line in streams}) == len(streams)
-    np.testing.assert_array_equal(apart.core.simulation.world.pose, env.core.simulation.world.pose[[1] * 50])
-    for _ in range(4):
-        actions = drive(rng, env)
-        every = np.tile(actions[1], (50, 1))
-        line = env.step(actions)[0][1]
-        np.testing.assert_array_equal(replay.step(every)[0], np.tile(line, (50, 1)))
-        found = apart.step(every)[0]
-        np.testing.assert_array_equal(again.step(every)[0], found)
-        assert len({line.tobytes() for line in found}) == 50
-    drawn = [env.clone(0, 1).core.simulation.world.streams.tobytes() for _ in range(2)]
-    assert drawn[0] != drawn[1]
-
-
-def test_estimator_of_ones_own() -> None:
-    """An object that serves all environments of the batch shows what the name shows; it cannot be cloned."""
-    options = {**ROUGH, "robots": 1, "network": {}}
-    named = RellocVectorEnv(2, **options)
-    settings = CascadeConfig(image_noise=named.config.camera_of(0).image_noise, odometry_noise=(0.01, 0.01))
-    own = RellocVectorEnv(2, **{**options, "estimator": Cascade(2, 1, 2, settings)})
-    same(own.reset(seed=1), named.reset(seed=1))
-    same(own.step(np.ones((2, 2))), named.step(np.ones((2, 2))))
-    with pytest.raises(ConfigError, match="cannot be cloned"):
-        own.clone(0, 2)
-
-
-WRONG_ACTIONS: dict[str, tuple[Any, str]] = {
-    "nan": ([[0, 0, 0, 0], [0, np.nan, 0, 0]], r"must be finite, but is \[0.0, nan, 0.0, 0.0\] in row 1"),
-    "one environment's": (np.zeros(4), r"must have shape \(2, 4\), but has \(4,\)"),
-    "by robot": (np.zeros((2, 2, 2)), r"must have shape \(2, 4\), but has \(2, 2, 2\)"),
-    "words": ("fast", r"must be numbers of shape \(2, 4\), but is 'fast'"),
-}
-
-
-@pytest.mark.parametrize("name", WRONG_ACTIONS)
-def test_wrong_actions(name: str) -> None:
-    """Refused at the call, and nothing has happened."""
-    actions, message = WRONG_ACTIONS[name]
-    env = RellocVectorEnv(2, **ROUGH)
-    with pytest.raises(ResetNeeded, match="Call `reset` before `step`"):
-        env.step(np.zeros((2, 4)))
-    env.reset(seed=1)
-    before = pickle.dumps(env.get_state())
-    with pytest.raises(ValueError, match=f"Argument `actions` {message}"):
-        env.step(actions)
-    assert pickle.dumps(env.get_state()) == before
-    env.step([[0, 1, 0, 1], [1, 0, 1, 0]])
-
-
-def test_wrong_resets() -> None:
-    env = RellocVectorEnv(2, estimator=None)
-    wrong: list[tuple[dict[str, Any], str]] = [
-        ({"seed": -1}, "Argument `seed` must be a non-negative integer, but is -1"),
-        ({"seed": [1]}, "Argument `seed` must be one integer or 2 of them, but is [1]"),
-        ({"seed": [1, -2]}, "Argument `seed` must be a non-negative integer, but is -2"),
-        ({"seed": "12"}, "Argument `seed` must be one integer or 2 of them, but is '12'"),
-        ({"options": {"reset_mask": [True, False]}}, "must be an array of (2,), bool, but is list"),
-        ({"options": {"reset_mask": np.ones(3, np.bool_)}}, "must be an array of (2,), bool, but is (3,), bool"),
-        ({"options": {"reset_mask": np.zeros(2, np.bool_)}}, "must be True somewhere"),
-        ({"options": {"poses": [(0, 0, 0)]}}, "Argument `poses` must have shape (2, 3)"),
-        ({"options": 5}, "Argument `options` must be a mapping, but is int"),
-    ]
-    for given, message in wrong:
-        with pytest.raises(ValueError, match=re.escape(message)):
-            env.reset(**given)
-    env.reset(seed=1, options={"reset_mask": np.array([True, False])})
-    with pytest.raises(ResetNeeded, match="not all environments have an episode"):
-        env.step(np.zeros((2, 4)))
-    env.reset(options={"reset_mask": np.array([False, True])})
-    env.step(np.zeros((2, 4)))
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"num_envs": 0}, "`num_envs` must be a positive integer, but is 0"),
-        (
-            {"autoreset_mode": "same"},
-            "`autoreset_mode` must be one of 'NextStep', 'SameStep', 'Disabled', but is 'same'",
-        ),
-        ({"render_mode": "human"}, "`render_mode` must be None or 'rgb_array', but is 'human'"),
-        ({"estimater": "cascade"}, "Unknown option `estimater`; did you mean `estimator`"),
-    ],
-)
-def test_impossible_configurations(options: dict[str, Any], message: str) -> None:
-    with pytest.raises(ConfigError, match=re.escape(message)):
-        RellocVectorEnv(**options)
-
-
 def test_pictures() -> None:
     pytest.importorskip("pygame")
     env = gym.make_vec(IDS[1], num_envs=2, estimator=None, render_mode="rgb_array", max_cycles=2)
@@ -421,15 +215,6 @@ def test_pictures() -> None:
         assert not np.array_equal(first, second)
     env.close()
     assert RellocVectorEnv(2, estimator=None).render() is None
-
-
-def test_states_for_critics_are_those_of_the_single_environments() -> None:
-    env = RellocVectorEnv(3, estimator=None)
-    env.reset(seed=4)
-    for n in range(3):
-        single: Any = gym.make(IDS[1], estimator=None).unwrapped
-        single.reset(seed=4 + n)
-        np.testing.assert_array_equal(env.state()[n], single.state())
 
 
 def test_ids_are_registered_for_vectors() -> None:

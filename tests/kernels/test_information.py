@@ -5,209 +5,13 @@ differences; it is written from docs/equations.md, sections 1, 2 and 4, in plain
 transition and measurements by complex steps and updates in Joseph form. It shares nothing with the kernels.
 """
 
-from collections.abc import Callable
-from typing import Any, NamedTuple
-
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
-from relloc_env.kernels import bound, information
+from relloc_env.kernels import information
 from relloc_env.kernels.camera import image_flow
-from relloc_env.kernels.motion import advance, relative
-
-Array = NDArray[Any]
-POSE_SD = np.array([1.5, 1.5, np.pi / 3])
-STEP = 0.05
-
-
-def _jacobian(function: Callable[[Array], Array], at: Array) -> Array:
-    columns = [function(at + 1e-30j * direction).imag / 1e-30 for direction in np.eye(at.size)]
-    return np.array(columns).T
-
-
-def _rotation(angle: Any) -> Array:
-    return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-
-
-def _chord(v: Any, lateral: Any, w: Any) -> Array:
-    """Integral of R(w t) [v, l] over a step; w must not vanish."""
-    along, across = np.sin(w * STEP) / w, 2.0 * np.sin(w * STEP / 2.0) ** 2 / w
-    return np.array([along * v - across * lateral, across * v + along * lateral])
-
-
-class World(NamedTuple):
-    poses: Array
-    points: Array
-    heights: Array
-
-
-class Noise(NamedTuple):
-    image: float = 0.002
-    speed: float = 0.005
-    turn: float = 0.005
-    depth: tuple[float, ...] = (1.0, 1.0, 1.0)
-    height: float = 0.0
-    unseen: float = 30.0
-    vertical: bool = True
-
-
-class Dense:
-    """State: xi (3 for each robot k > 0), then (x, y, chi) of each point in A's camera, then d for each robot k > 0."""
-
-    def __init__(self, world: World, noise: Noise) -> None:
-        self.robots, self.count, self.noise = len(world.poses), len(world.points), noise
-        self.sighted = np.zeros((self.robots, self.count), dtype=bool)
-        state = self.state(world)
-        others = self.robots - 1
-        cartesian = np.full(3 * self.count, noise.unseen**2)
-        prior = np.concatenate([np.tile(POSE_SD**2, others), cartesian, np.full(others, noise.height**2)])
-        change = np.linalg.inv(_jacobian(self.cartesian, state))
-        self.covariance = change @ np.diag(prior) @ change.T
-
-    def split(self, state: Array) -> tuple[Array, Array, Array]:
-        ends = [3 * (self.robots - 1), 3 * (self.robots - 1 + self.count)]
-        poses, points, heights = np.split(state, ends)
-        return poses.reshape(-1, 3), points.reshape(-1, 3), heights
-
-    def state(self, world: World) -> Array:
-        (x, y, theta), heights = world.poses[0], world.heights
-        poses = [[*_rotation(-theta) @ (p[:2] - [x, y]), p[2] - theta] for p in world.poses[1:]]
-        points = []
-        for p in world.points:
-            q = _rotation(-theta) @ (p[:2] - [x, y])
-            points.append([-q[1] / q[0], -(p[2] - heights[0]) / q[0], 1.0 / q[0]])
-        return np.concatenate([np.ravel(poses), np.ravel(points), heights[0] - heights[1:]])
-
-    def cartesian(self, state: Array) -> Array:
-        poses, points, heights = self.split(state)
-        q = np.array([[1.0 / chi, -x / chi, -y / chi] for x, y, chi in points])
-        return np.concatenate([poses.ravel(), q.ravel(), heights])
-
-    def move(self, world: World, velocity: Array) -> None:
-        """`world` is the truth before the step."""
-
-        def transition(state: Array, slip: Array) -> Array:
-            poses, points, heights = self.split(state)
-            u = velocity + np.column_stack([slip[0::2], 0 * slip[0::2], slip[1::2]])
-            back, c = _rotation(-u[0, 2] * STEP), _chord(*u[0])
-            moved_poses = []
-            for k, (r_x, r_y, theta) in enumerate(poses, start=1):
-                r = back @ (np.array([r_x, r_y]) + _rotation(theta) @ _chord(*u[k]) - c)
-                moved_poses.append([*r, theta + (u[k, 2] - u[0, 2]) * STEP])
-            moved = []
-            for x, y, chi in points:
-                q = back @ (np.array([1.0, -x]) / chi - c)
-                moved.append([-q[1] / q[0], y / chi / q[0], 1.0 / q[0]])
-            return np.concatenate([np.ravel(moved_poses), np.ravel(moved), heights])
-
-        state, still = self.state(world), np.zeros(2 * self.robots)
-        f = _jacobian(lambda s: transition(s, still), state)
-        g = _jacobian(lambda n: transition(state, n), still)
-        variances = np.diag(np.tile([self.noise.speed**2, self.noise.turn**2], self.robots))
-        self.covariance = f @ self.covariance @ f.T + g @ variances @ g.T
-
-    def seen(self, state: Array, robot: int, i: int) -> Array:
-        """Depth and image (x, y) of a point in a robot's camera."""
-        poses, points, heights = self.split(state)
-        x, y, chi = points[i]
-        q, height = np.array([1.0, -x]) / chi, -y / chi
-        if robot > 0:
-            r_x, r_y, theta = poses[robot - 1]
-            q, height = _rotation(theta).T @ (q - np.array([r_x, r_y])), height + heights[robot - 1]
-        return np.array([q[0], -q[1] / q[0], -height / q[0]])
-
-    def measure(self, world: World, visible: Array) -> None:
-        state = self.state(world)
-        for robot, i in np.argwhere(visible):
-            rows = _jacobian(lambda s, robot=robot, i=i: self.seen(s, robot, i), state)  # type: ignore[misc]
-            taken = [(rows[1], self.noise.image)]
-            if self.noise.vertical:
-                taken.append((rows[2], self.noise.image))
-            if not self.sighted[robot, i] and np.isfinite(self.noise.depth[robot]):
-                taken.append((rows[0], self.noise.depth[robot]))
-            self.sighted[robot, i] = True
-            for h, sd in taken:
-                p = self.covariance
-                gain = p @ h / (h @ p @ h + sd**2)
-                keep = np.eye(h.size) - np.outer(gain, h)
-                self.covariance = keep @ p @ keep.T + np.outer(gain, gain) * sd**2
-
-    def pose(self, world: World, a: int, b: int) -> Array:
-        """Covariance of the pose of b in {a}."""
-
-        def pose_in(state: Array) -> Array:
-            poses = np.vstack([np.zeros(3), self.split(state)[0]])
-            r = _rotation(poses[a, 2]).T @ (poses[b, :2] - poses[a, :2])
-            return np.array([*r, poses[b, 2] - poses[a, 2]])
-
-        change = _jacobian(pose_in, self.state(world))
-        covariance: Array = change @ self.covariance @ change.T
-        return covariance
-
-    def point(self, world: World, robot: int, i: int) -> Array:
-        """Covariance of (q_x, q_y, height) in the body frame of the robot."""
-
-        def body(state: Array) -> Array:
-            z, x, y = self.seen(state, robot, i)
-            return np.array([z, -x * z, -y * z])
-
-        change = _jacobian(body, self.state(world))
-        covariance: Array = change @ self.covariance @ change.T
-        return covariance
-
-
-class Bound:
-    """The kernels, for one environment."""
-
-    def __init__(self, world: World, noise: Noise) -> None:
-        robots, count = len(world.poses), len(world.points)
-        size = 3 * (count + robots - 1) + (robots - 1 if noise.height > 0.0 else 0)
-        self.noise, self.sighted = noise, np.zeros((robots, count), dtype=bool)
-        self.covariance, self.work = np.zeros((size, size)), np.zeros((2, size))
-        bound.bound_reset(self.covariance, self.sighted, world.poses, POSE_SD, noise.height, noise.unseen)
-
-    def step(self, world: World, visible: Array, velocity: Array, dt: float) -> None:
-        """`world` is the truth after the step."""
-        noise = self.noise
-        bound.bound_step(
-            self.covariance,
-            self.work,
-            self.sighted,
-            world.poses,
-            world.points,
-            world.heights,
-            visible,
-            velocity,
-            dt,
-            np.full(len(world.poses), noise.speed),
-            np.full(len(world.poses), noise.turn),
-            np.full(len(world.poses), noise.image),
-            np.array(noise.depth),
-            noise.vertical,
-        )
-
-    def pose(self, world: World, a: int, b: int) -> Array:
-        out = np.zeros((3, 3))
-        information.pose_covariance(self.covariance, len(world.points), world.poses, a, b, out)
-        return out
-
-    def point(self, world: World, robot: int, i: int) -> Array:
-        out = np.zeros((3, 3))
-        information.point_covariance(self.covariance, world.poses, world.points, robot, i, out)
-        return out
-
-
-def _ahead(world: World) -> Array:
-    """(R, M) depth of each point for each robot."""
-    to = world.points[None, :, :2] - world.poses[:, None, :2]
-    depth: Array = to[..., 0] * np.cos(world.poses[:, 2:]) + to[..., 1] * np.sin(world.poses[:, 2:])
-    return depth
-
-
-def _moved(world: World, velocity: Array) -> World:
-    poses = np.array([advance(*(*pose, *u, STEP)) for pose, u in zip(world.poses, velocity, strict=True)])
-    return world._replace(poses=poses)
+from relloc_env.kernels.motion import relative
+from tests.kernels.dense_bound import STEP, Array, Bound, Dense, Noise, World, ahead, jacobian, moved, rotation
 
 
 def _random_world(rng: np.random.Generator, robots: int, count: int, heights: bool) -> World:
@@ -251,9 +55,9 @@ def test_bound_is_that_of_a_dense_filter(case: str) -> None:
                 velocity = rng.normal(0.0, [0.3, 0.1, 0.2], (robots, 3))
             if sample > 0:
                 dense.move(world, velocity)
-                world = _moved(world, velocity)
+                world = moved(world, velocity)
             visible = (
-                (_ahead(world) > 0.5) & (rng.random((robots, count)) < 0.67) & (sample >= 5 * np.eye(robots, count))
+                (ahead(world) > 0.5) & (rng.random((robots, count)) < 0.67) & (sample >= 5 * np.eye(robots, count))
             )
             dense.measure(world, visible)
             kernels.step(world, visible, velocity, STEP if sample > 0 else 0.0)
@@ -278,7 +82,7 @@ def _paper_like(noise: Noise, seconds: int) -> dict[int, Array]:
     kernels, visible, found = Bound(world, noise), np.ones((2, 2), dtype=bool), {}
     kernels.step(world, visible, velocity, 0.0)
     for sample in range(1, 20 * seconds + 1):
-        world = _moved(world, velocity)
+        world = moved(world, velocity)
         kernels.step(world, visible, velocity, STEP)
         if sample in (100, 200, 800):
             found[sample // 20] = np.sqrt(np.diag(kernels.pose(world, 0, 1))) * [1.0, 1.0, 180.0 / np.pi]
@@ -310,16 +114,16 @@ def test_bound_does_not_depend_on_the_place_of_the_world() -> None:
     noise, rng = Noise(), np.random.default_rng(4)
     world = _random_world(rng, 2, 2, heights=False)
     turned_poses = np.column_stack(
-        [world.poses[:, :2] @ _rotation(2.0).T + np.array([20.0, -30.0]), world.poses[:, 2] + 2.0]
+        [world.poses[:, :2] @ rotation(2.0).T + np.array([20.0, -30.0]), world.poses[:, 2] + 2.0]
     )
-    turned_points = np.column_stack([world.points[:, :2] @ _rotation(2.0).T + [20.0, -30.0], world.points[:, 2]])
+    turned_points = np.column_stack([world.points[:, :2] @ rotation(2.0).T + [20.0, -30.0], world.points[:, 2]])
     other = World(turned_poses, turned_points, world.heights)
     here, there = Bound(world, noise), Bound(other, noise)
     velocity = np.array([[0.2, 0.0, 0.1], [-0.1, 0.05, -0.2]])
     for sample in range(101):
         if sample > 0:
-            world, other = _moved(world, velocity), _moved(other, velocity)
-        visible = _ahead(world) > 0.3
+            world, other = moved(world, velocity), moved(other, velocity)
+        visible = ahead(world) > 0.3
         here.step(world, visible, velocity, STEP if sample else 0.0)
         there.step(other, visible, velocity, STEP if sample else 0.0)
     _same(there.pose(other, 0, 1), here.pose(world, 0, 1), 1e-8)
@@ -346,8 +150,8 @@ def test_bound_stays_symmetric_and_positive() -> None:
     kernels = Bound(world, Noise(unseen=100.0))
     velocity = np.array([[0.3, 0.0, 0.8], [0.3, 0.0, -0.6]])
     for sample in range(20_000):
-        world = _moved(world, velocity)
-        kernels.step(world, (_ahead(world) > 0.3) & (sample // 100 % 2 == 0), velocity, STEP)
+        world = moved(world, velocity)
+        kernels.step(world, (ahead(world) > 0.3) & (sample // 100 % 2 == 0), velocity, STEP)
     np.testing.assert_array_equal(kernels.covariance, kernels.covariance.T)
     assert np.linalg.eigvalsh(kernels.covariance).min() > 0.0
 
@@ -359,8 +163,8 @@ def test_information_j() -> None:
         world = _random_world(rng, 2, 3, heights=False)
         kernels, velocity = Bound(world, Noise()), rng.normal(0.0, 0.2, (2, 3))
         for _ in range(40):
-            world = _moved(world, velocity)
-            kernels.step(world, _ahead(world) > 0.3, velocity, STEP)
+            world = moved(world, velocity)
+            kernels.step(world, ahead(world) > 0.3, velocity, STEP)
         j = information.pose_information(kernels.covariance, 3, 1)
         assert j == pytest.approx(-np.linalg.slogdet(kernels.pose(world, 0, 1))[1] / 6.0, abs=1e-9)
         assert j == pytest.approx(-np.linalg.slogdet(kernels.pose(world, 1, 0))[1] / 6.0, abs=1e-9)
@@ -403,8 +207,8 @@ def test_pose_gramian() -> None:
     for count in (2, 5) * 10:
         q_b, theta, sd = rng.normal(3.0, 2.0, (count, 2)), rng.uniform(-3.0, 3.0), 0.05
         xi = np.array([*rng.normal(size=2), theta])
-        q_a = q_b @ _rotation(theta).T + xi[:2]
-        h = _jacobian(lambda s, q_a=q_a: np.ravel((q_a - s[:2]) @ _rotation(s[2])), xi)  # type: ignore[misc]
+        q_a = q_b @ rotation(theta).T + xi[:2]
+        h = jacobian(lambda s, q_a=q_a: np.ravel((q_a - s[:2]) @ rotation(s[2])), xi)  # type: ignore[misc]
         gramian = np.zeros((3, 3))
         information.pose_gramian(q_b, theta, sd, gramian)
         np.testing.assert_allclose(gramian, h.T @ h / sd**2, rtol=1e-10, atol=1e-9)
