@@ -91,8 +91,7 @@ def play(
         policy.see(env.core.simulation.world.pose.copy(), env.core.simulation.world.points.copy())  # type: ignore[attr-defined]
     record = _Record(env, task)
     record.add()
-    assert env.single_action_space.shape is not None
-    shape = (len(seeds), task.robots, env.single_action_space.shape[0] // task.robots)
+    shape = (len(seeds), task.robots, config.action_size)
     for k in range(config.max_cycles):
         actions = np.asarray(policy.act(task.rows(observations)), np.float64)
         if actions.shape != shape:
