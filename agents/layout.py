@@ -13,8 +13,8 @@ from relloc_env.samples import Float32
 
 Fit = Callable[[Float32], Float32]
 """From rows (..., D) of a task to rows (..., `Layout.row`)."""
-POINTS = ("points", "message_points")
-"""Fields that hold something of every point."""
+SEEN, PER_POINT = ("points", "message_points"), ("points", "message_points", "gains")
+"""Fields that hold what is known of every point, and all that hold something of each."""
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,7 @@ class Layout:
                 raise ValueError(f"{what} needs the field `{name}`, but the task has {', '.join(task.slices)}")
             part = task.slices[name]
             given = part.stop - part.start
-            expected = size * task.targets // self.targets if name in POINTS else size
+            expected = size * task.targets // self.targets if name in PER_POINT else size
             if given != expected:
                 raise ValueError(f"{what} takes {expected} numbers in the field `{name}`, but the task has {given}")
             sources.append(np.arange(part.start, part.stop))
@@ -122,7 +122,7 @@ def _nearest_first(rows: Float32, task: Task) -> Float32:
     out = rows.copy()
     own = rows[..., task.slices["points"]].reshape(*rows.shape[:-1], task.targets, POINT)
     order = np.argsort(-own[..., INVERSE_RANGE], axis=-1, kind="stable")[..., None]
-    for name in POINTS:
+    for name in SEEN:
         if name in task.slices:
             part = rows[..., task.slices[name]].reshape(own.shape)
             out[..., task.slices[name]] = np.take_along_axis(part, order, axis=-2).reshape(*rows.shape[:-1], -1)

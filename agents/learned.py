@@ -57,7 +57,7 @@ class Acting:
         rows = self._fit(observations).reshape(count, -1)
         new = np.repeat(self._task.time(observations) == 0.0, count // n)
         actions: Float = np.asarray(self._decide(rows, new), np.float64).reshape(n, robots, -1)
-        return actions
+        return actions[..., : self._task.config.action_size]  # those of points that are not there come last
 
 
 def place(name: str) -> Path:

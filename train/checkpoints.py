@@ -11,6 +11,8 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.save_util import recursive_getattr
 from stable_baselines3.common.vec_env import VecNormalize
 
+from train.worlds import Worlds
+
 _KEPT = (
     "num_timesteps", "_n_updates", "_episode_num", "_last_obs", "_last_original_obs", "_last_episode_starts",
     "_last_lstm_states", "_current_progress_remaining", "action_noise",
@@ -60,11 +62,12 @@ def restore(model: BaseAlgorithm, state: dict[str, Any]) -> None:
     model.action_space.np_random.bit_generator.state = streams["actions"]
 
 
-def worlds_of(model: BaseAlgorithm) -> Any:
+def worlds_of(model: BaseAlgorithm) -> Worlds:
     """The `Worlds` inside a model's environment."""
-    env = model.get_env()
-    assert env is not None
-    return env.unwrapped
+    env: Any = model.get_env()
+    while not isinstance(env, Worlds):
+        env = env.venv
+    return env
 
 
 def _normaliser(model: BaseAlgorithm) -> VecNormalize | None:

@@ -16,6 +16,7 @@ from agents.policy import Task
 from agents.registry import AGENTS, agent
 from relloc_env.config import ConfigError, EnvConfig, hint, load_config, read_file, validate
 from relloc_env.config.base import Model, Positive
+from relloc_env.envs.variation import Choice, Stage, Variation
 from relloc_env.scenarios import suite
 
 CONFIGS = Path(__file__).parent / "configs"
@@ -47,56 +48,66 @@ def _number(value: Any) -> Any:
 
 
 class EnvironmentConfig(Model):
-    """The worlds to train in: a suite's variants, with options of the environment on top."""
+    """The worlds to train in."""
 
     robots: Literal[1, 2] = 2
     decentralised: bool = False
     """whether each robot acts on its own observation, by one policy with shared parameters."""
-    suite: str = "open-field"
-    """whose variants the environments are dealt out to."""
-    variants: tuple[dict[str, Any], ...] | None = None
-    """options of variants of one's own, in place of a suite's."""
     options: dict[str, Any] = {}  # noqa: RUF012 - frozen by pydantic's copy
-    """of `relloc_env.config.EnvConfig`, over those of every variant: reward weights, estimator, sensors."""
+    """of `relloc_env.config.EnvConfig`: reward weights, estimator, sensors."""
+    stages: tuple[Stage, ...] = (Stage(),)
+    """of a curriculum: suites, options, and what is drawn at random (`relloc_env.envs.variation.Stage`)."""
+    groups: Count = 16
+    """of environments of one configuration, where stages have several."""
     without: tuple[str, ...] = ()
     """fields of the observation that the policy does not get."""
     nearest_first: bool = False
     """whether the policy gets the points in the order in which a robot believes them to be near."""
-    silent: Annotated[int, Field(ge=0)] = 0
-    """actions at the start of an episode whose reward does not count: the priors collapse, whatever the robots do."""
     finite: bool = False
     """whether an episode's end is the end of its return, in place of the value of what would have followed."""
-    change: Annotated[float, Field(ge=0.0)] = 0.0
-    """weight of what is taken off the reward: mean change of an action's entries since the action before."""
     random_phase: bool = True
     """whether the first episodes start at a random time, so that later ones do not all end together."""
 
     @model_validator(mode="after")
     def _possible(self) -> Self:
-        configs = self.configs
+        fields = Task.of(self.layout).slices
         if self.decentralised and self.robots == 1:
             raise ValueError("Argument `environment.decentralised` must be false for one robot, but is true")
-        fields = Task.of(max(configs, key=lambda each: each.targets)).slices
         for name in self.without:
             if name not in fields:
                 raise ValueError(f"Argument `environment.without` must be of {', '.join(fields)}, but has {name!r}")
-        alike = {(c.observation, c.estimator is None, c.samples_per_action, c.message_window) for c in configs}
-        if len(alike) > 1:
-            raise ValueError("Argument `environment.variants` must differ in no field of the observation but points")
+        if self.nearest_first and self.layout.gain_names:
+            raise ValueError("Argument `environment.nearest_first` must be false where actions set gains, but is true")
         return self
 
     @cached_property
-    def configs(self) -> list[EnvConfig]:
-        """The configuration of each variant."""
-        variants: Sequence[Mapping[str, Any]] = suite(self.suite).variants if self.variants is None else self.variants
-        if not variants:
-            raise ValueError("Argument `environment.variants` must have at least one entry, but has none")
-        return [load_config(load_config(dict(v), robots=self.robots), **self.options) for v in variants]
+    def shared(self) -> EnvConfig:
+        """What all configurations have in common."""
+        return load_config(self.options, robots=self.robots)
+
+    @cached_property
+    def varied(self) -> bool:
+        """Whether there are several configurations."""
+        return self.stages != (Stage(),)
+
+    @cached_property
+    def layout(self) -> EnvConfig:
+        """The configuration with as many points as any: what the policy is laid out for."""
+        return Variation(self.shared, self.stages).layout if self.varied else self.shared
 
     @property
-    def targets(self) -> int:
-        """The most points of any variant: what the policy is laid out for."""
-        return max(config.targets for config in self.configs)
+    def fewest(self) -> int:
+        """The fewest points of any configuration."""
+        found = [self.layout.targets]
+        for stage in self.stages:
+            options = [{}, *(suite(stage.suite).variants if stage.suite else ())]
+            drawn = stage.vary.get("targets")
+            found += [load_config(load_config(self.shared, **each), **stage.options).targets for each in options]
+            if isinstance(drawn, Choice):
+                found += drawn.choices
+            elif drawn is not None:
+                found.append(int(drawn.least))  # type: ignore[arg-type]
+        return min(found)
 
 
 class AlgorithmConfig(Model):
@@ -152,6 +163,11 @@ class NormaliseConfig(Model):
 
 class EvaluationConfig(Model):
     """What is played on validation seeds during training."""
+
+    suite: str = "open-field"
+    """whose variants the episodes are dealt out to, over the run's options."""
+    variants: tuple[dict[str, Any], ...] | None = None
+    """options of variants of one's own, in place of a suite's."""
 
     every: Count = 200_000
     """steps between two evaluations."""
@@ -246,12 +262,18 @@ class TrainConfig(Model):
         recurrent = self.network.policy == "MlpLstmPolicy"
         if recurrent != (self.algorithm.name == "RecurrentPPO"):
             raise ValueError("Argument `network.policy` must be MlpLstmPolicy for RecurrentPPO, and for it alone")
-        if self.num_envs < len(self.environment.configs):
-            raise ValueError(
-                f"Argument `num_envs` must be at least {len(self.environment.configs)}, one for each variant, "
-                f"but is {self.num_envs}"
-            )
+        _ = self.played
         return self
+
+    @cached_property
+    def played(self) -> list[EnvConfig]:
+        """The configurations of the episodes that are evaluated."""
+        given = self.evaluation.variants
+        variants: Sequence[Mapping[str, Any]] = suite(self.evaluation.suite).variants if given is None else given
+        if not variants:
+            raise ValueError("Argument `evaluation.variants` must have at least one entry, but has none")
+        shared = self.environment.shared
+        return [load_config(shared, **each) for each in variants]
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data from which `load` makes the same configuration."""

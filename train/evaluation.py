@@ -97,7 +97,7 @@ def evaluate(
         which: set of seeds, see `relloc_env.scenarios.SEEDS`.
         options: of the environment, on top of those of the run.
     """
-    variants = [load_config(each, **(options or {})) for each in config.environment.configs]
+    variants = [load_config(each, **(options or {})) for each in config.played]
     chosen = seeds(which, max(episodes, len(variants)))
     found: list[Scores] = []
     for k, each in enumerate(variants):

@@ -120,7 +120,7 @@ def card(config: TrainConfig, model: BaseAlgorithm, **more: Any) -> dict[str, An
         "made": datetime.now(UTC).strftime("%Y-%m-%d"),
         "observation": {**layout.to_dict(), "size": layout.size},
         "action": {"size": int(np.prod(model.action_space.shape or ())), "low": -1.0, "high": 1.0},
-        "environments": [each.to_dict() for each in config.environment.configs],
+        "environments": [each.to_dict() for each in config.played],
         "configuration": config.to_dict(),
         **more,
     }

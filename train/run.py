@@ -233,7 +233,7 @@ class Run:
             self._show.line(f"No film: the package `{error.name}` is missing (pip install -e '.[render]')")
             return
         film(
-            self._out / f"film.{config.film}", config.environment.configs[0], {self._out.name: self._policy()},
+            self._out / f"film.{config.film}", config.played[0], {self._out.name: self._policy()},
             seed=SEEDS["validation"][0],
         )  # fmt: skip
 

@@ -37,6 +37,7 @@ class VariedVecEnv(VecEnv):
         stages: of the curriculum (`relloc_env.envs.variation.Stage`), as objects or plain data.
         groups: number K of groups.
         decentralised: whether each robot is a row.
+        staggered: whether the first lives of the groups end one after the other: they begin as if some time had passed.
         info: entries of `relloc_env.envs.information.ENTRIES` for every row's info, which is slow; () for none.
 
     Attributes:
@@ -55,6 +56,7 @@ class VariedVecEnv(VecEnv):
         stages: Sequence[Stage | Mapping[str, Any]] = ({},),
         groups: int = 8,
         decentralised: bool = False,
+        staggered: bool = False,
         info: Sequence[str] = (),
         **options: Any,
     ) -> None:
@@ -64,7 +66,7 @@ class VariedVecEnv(VecEnv):
         layout = self.config
         if layout.observation != "flat":
             raise ConfigError(f'Argument `observation` must be "flat" here, but is {layout.observation!r}')
-        self.decentralised, self.timesteps = decentralised, 0
+        self.decentralised, self.staggered, self.timesteps = decentralised, staggered, 0
         self.rows_each = layout.robots if decentralised else 1
         self._options_of_groups = {"decentralised": decentralised, "info": info}
         firsts = np.linspace(0, num_envs, groups + 1).astype(int).tolist()
@@ -117,6 +119,10 @@ class VariedVecEnv(VecEnv):
             raise ConfigError("Options of resets cannot be set here: state them in `stages`")
         seeds = self._seeds[:: self.rows_each]
         lines = [self._show(group, group.begin(self.stage, seeds[group.first])) for group in self._groups]
+        if self.staggered:
+            for k, group in enumerate(self._groups):
+                group.age = k * group.env.config.max_cycles // len(self._groups)
+                group.env.core.elapsed[:] = group.age
         self.reset_infos = [info for group in self._groups for info in group.env.reset_infos]
         self._reset_seeds()
         return np.concatenate(lines)

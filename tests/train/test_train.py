@@ -61,7 +61,7 @@ def test_a_run_leaves_a_policy_that_acts_as_the_trained_one(tmp_path: Path) -> N
     lines = [json.loads(line) for line in (tmp_path / EVALUATION).read_text("utf-8").splitlines()]
     assert [line["steps"] for line in lines] == [0, 128, 256, 320]
     assert lines[-1]["best"] == max(line["score"] for line in lines)
-    task = Task.of(config.environment.configs[0])
+    task = Task.of(config.played[0])
     with pytest.warns(UserWarning, match="pickle"):
         saved = agent(f"learned:{tmp_path / 'policy.zip'}")(task)
     shipped = agent(f"learned:{policy}")(task)
@@ -126,6 +126,7 @@ def test_a_run_that_breaks_stops_with_a_message_and_keeps_its_checkpoint(tmp_pat
 
 
 MEMORY = {"network": {"policy": "MlpLstmPolicy", "hidden": [8], "lstm": 8}}
+DRAWN = TINY["environment"] | {"stages": [{"vary": {"targets": [2, 4]}}], "groups": 2}
 OFF = {"learning_starts": 32, "batch_size": 16, "buffer_size": 200, "gradient_steps": 2}
 
 
@@ -133,11 +134,12 @@ OFF = {"learning_starts": 32, "batch_size": 16, "buffer_size": 200, "gradient_st
     ("algorithm", "more"),
     [
         ({**TINY["algorithm"], "schedule": "linear"}, {"normalise": {"rewards": True}}),
+        (TINY["algorithm"], {"environment": DRAWN}),
         ({**TINY["algorithm"], "name": "RecurrentPPO"}, MEMORY),
         ({"name": "SAC", **OFF}, {}),
         ({"name": "TD3", "action_noise": 0.1, **OFF}, {}),
     ],
-    ids=["PPO", "RecurrentPPO", "SAC", "TD3"],
+    ids=["PPO", "PPO, options drawn", "RecurrentPPO", "SAC", "TD3"],
 )
 def test_stopped_while_it_writes_a_checkpoint_it_goes_on_from_the_one_before(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, algorithm: dict[str, Any], more: dict[str, Any]
@@ -168,12 +170,14 @@ def test_stopped_while_it_writes_a_checkpoint_it_goes_on_from_the_one_before(
 
 def test_robots_that_share_a_policy_and_points_of_any_number(tmp_path: Path) -> None:
     variants = [{"targets": 2}, {"targets": 3}]
-    options = {"estimator": "cascade", "max_cycles": 8, "reward": {"information_pose": 3.0, "blocked": -0.02}}
+    options = {"estimator": "cascade", "max_cycles": 8, "reward": {"information_pose": 3.0, "change": -0.1}}
+    stages = [{"until": 100, "vary": {"targets": {"choices": [2, 3]}}}, {"vary": {"camera.pixel_noise": [0.8, 3.2]}}]
     environment = {
-        "robots": 2, "decentralised": True, "variants": variants, "options": options, "nearest_first": True,
-        "without": ["message_age"], "finite": True, "silent": 2, "change": 0.1,
+        "robots": 2, "decentralised": True, "stages": stages, "options": options, "nearest_first": True, "groups": 3,
+        "without": ["message_age"], "finite": True,
     }  # fmt: skip
-    policy = train(tiny(environment=environment), tmp_path)
+    evaluation = TINY["evaluation"] | {"variants": variants}
+    policy = train(tiny(environment=environment, evaluation=evaluation), tmp_path)
     for targets in (2, 3):
         task = Task.of(load_config(estimator="cascade", targets=targets))
         rows = np.random.default_rng(0).normal(size=(20, 2, task.size)).astype(np.float32)
