@@ -21,7 +21,8 @@ run = CliRunner()
 def log(tmp_path_factory):
     """A log of 2 s of two simulated robots."""
     folder = tmp_path_factory.mktemp("logs")
-    env = RecordLog(RellocEnv(max_cycles=8), folder)
+    pillar = {"shape": "disc", "position": (-4.0, -4.0), "radius": 0.2}
+    env = RecordLog(RellocEnv(max_cycles=8, obstacles=[pillar]), folder)
     env.reset(seed=3)
     for _ in range(8):
         env.step(np.array([1.0, 0.1, 1.0, -0.1], np.float32))
@@ -73,14 +74,17 @@ def test_replay_for_rerun(log, tmp_path):
     result = run.invoke(app, words)
     assert result.exit_code == 0, result.output
     truth = read_log(log).truth
-    found = {}
+    found, still = {}, {}
     for part in chunk.RrdReader(str(file)).stream():
         columns = part.to_record_batch().to_pydict()
-        if not part.is_static:
+        if part.is_static:
+            still.setdefault(part.entity_path, {}).update({name: values[0] for name, values in columns.items()})
+        else:
             for k, time in enumerate(columns["episode"]):
                 found.setdefault(part.entity_path, {})[round(20.0 * time.total_seconds())] = {
                     name: values[k] for name, values in columns.items()
                 }
+    assert still["/world/obstacles/discs"]["Cylinders3D:centers"][0] == pytest.approx([-4.0, -4.0, 1.0])
     places = found["/world/robot_b"]
     assert sorted(places) == list(range(0, 41, 5))
     for sample, row in places.items():
