@@ -11,6 +11,7 @@ from typer.testing import CliRunner
 import relloc_env
 from relloc_env.__main__ import app
 from relloc_env.envs.centralised import RellocEnv
+from relloc_env.logs import read_log
 from relloc_env.wrappers import RecordLog
 
 run = CliRunner()
@@ -20,7 +21,8 @@ run = CliRunner()
 def log(tmp_path_factory):
     """A log of 2 s of two simulated robots."""
     folder = tmp_path_factory.mktemp("logs")
-    env = RecordLog(RellocEnv(max_cycles=8), folder)
+    pillar = {"shape": "disc", "position": (-4.0, -4.0), "radius": 0.2}
+    env = RecordLog(RellocEnv(max_cycles=8, obstacles=[pillar]), folder)
     env.reset(seed=3)
     for _ in range(8):
         env.step(np.array([1.0, 0.1, 1.0, -0.1], np.float32))
@@ -63,6 +65,45 @@ def test_help(command, words):
 def test_version():
     result = run.invoke(app, ["version"])
     assert result.output.strip() == relloc_env.__version__
+
+
+def test_replay_for_rerun(log, tmp_path):
+    chunk = pytest.importorskip("rerun.chunk")
+    file = tmp_path / "replay.rrd"
+    words = ["replay", str(log), "--out", str(tmp_path / "out"), "--estimator", "cascade", "--rerun", str(file)]
+    result = run.invoke(app, words)
+    assert result.exit_code == 0, result.output
+    truth = read_log(log).truth
+    found, still = {}, {}
+    for part in chunk.RrdReader(str(file)).stream():
+        columns = part.to_record_batch().to_pydict()
+        if part.is_static:
+            still.setdefault(part.entity_path, {}).update({name: values[0] for name, values in columns.items()})
+        else:
+            for k, time in enumerate(columns["episode"]):
+                found.setdefault(part.entity_path, {})[round(20.0 * time.total_seconds())] = {
+                    name: values[k] for name, values in columns.items()
+                }
+    assert still["/world/obstacles/discs"]["Cylinders3D:centers"][0] == pytest.approx([-4.0, -4.0, 1.0])
+    places = found["/world/robot_b"]
+    assert sorted(places) == list(range(0, 41, 5))
+    for sample, row in places.items():
+        assert row["Transform3D:translation"][0] == pytest.approx([*truth.poses[sample, 1, :2], 0.0], rel=1e-5)
+    series = np.load(tmp_path / "out" / "replay.npz")
+    told = [found["/pose_error/robot_a"][sample]["Scalars:scalars"][0] for sample in sorted(places)]
+    assert told == pytest.approx(np.hypot(*series["cascade/0/pose_error_0"][::5, :2].T), rel=1e-4)
+
+
+def test_play_needs_a_display(tmp_path, monkeypatch):
+    monkeypatch.setenv("SDL_VIDEODRIVER", "none-such")
+    words = fails("play", "--estimator", "cascade", "--out", tmp_path)
+    assert words.startswith("Error: There is no display to open a window on")
+    assert not list(tmp_path.iterdir())
+
+
+def test_play_needs_the_extra(monkeypatch, tmp_path):
+    monkeypatch.setitem(sys.modules, "pygame", None)
+    assert "pip install 'relloc-env[render]'" in fails("play", "--estimator", "cascade", "--out", tmp_path)
 
 
 def test_replay_of_a_simulated_log(log, tmp_path):

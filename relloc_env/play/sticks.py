@@ -61,9 +61,9 @@ class Sticks:
             for key in self._held & keys.keys():
                 both[robot] += keys[key]
         for (pad, axis), value in self._axes.items():
-            robot, upright = self._stick(pad, axis)
-            if robot is not None and abs(value) > _DEAD:
-                both[robot, 0 if upright else 1] -= np.sign(value) * (abs(value) - _DEAD) / (1.0 - _DEAD)
+            driven_robot, upright = self._stick(pad, axis)
+            if driven_robot is not None and abs(value) > _DEAD:
+                both[driven_robot, 0 if upright else 1] -= np.sign(value) * (abs(value) - _DEAD) / (1.0 - _DEAD)
         if self._held & {self._pygame.K_LSHIFT, self._pygame.K_RSHIFT}:
             both *= _SLOW
         if self._robots == 1:

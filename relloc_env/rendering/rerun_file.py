@@ -180,7 +180,7 @@ class RerunFile:
             self._canvases[size] = Canvas(size)
         canvas = self._canvases[size]
         canvas.fill(LIGHT.page)
-        draw_camera(canvas, ImageFrame((0.0, 0.0, *map(float, size)), camera), scene, robot, LIGHT, 0.8)
+        draw_camera(canvas, ImageFrame((0.0, 0.0, float(size[0]), float(size[1])), camera), scene, robot, LIGHT, 0.8)
         return canvas.finish()
 
     def _beliefs(self, scene: Scene) -> None:
@@ -204,8 +204,8 @@ class RerunFile:
             self._log(path, self._transform(mean))
             arrow = rr.Arrows3D(vectors=[[2.0 * scene.robot_radius, 0.0, 0.0]], colors=[LIGHT.robot(robot)])
             self._log(f"{path}/heading", arrow)
-            place = [mean[0], mean[1], 0.0]
-            self._log(f"{path}_region", self._regions([place], [covariance], LIGHT.robot(robot)))
+            region = self._regions([[mean[0], mean[1], 0.0]], [covariance], LIGHT.robot(robot))
+            self._log(f"{path}_region", region)
             error = math.remainder(mean[2] - scene.poses[other, 2] + scene.poses[robot, 2], 2.0 * math.pi)
             self._number(f"heading_error/{_robot(robot)}", math.degrees(abs(error)))
 

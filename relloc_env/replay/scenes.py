@@ -42,7 +42,7 @@ def scenes(run: "Run", period: float = 0.25) -> Iterator[Scene]:
     else:
         cameras = [CameraGeometry.of(config.camera_of(r)) for r in range(robots)]
         arena = None if config.arena is None else tuple(0.5 * s * config.arena[k] for k in (0, 1) for s in (-1.0, 1.0))
-        obstacles = pack_obstacles(config) if config.obstacles else None
+        obstacles = pack_obstacles(config.obstacles) if config.obstacles else None
         radius, height = config.robot_of(0).radius, config.robot_of(0).height
     points = truth.points[shown]
     points[:, 2] = np.where(np.isfinite(points[:, 2]), points[:, 2], cameras[0].mount)
