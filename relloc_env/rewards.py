@@ -37,7 +37,7 @@ TERMS: Mapping[str, str] = {
     "collision": "1 where the robot touched something during the action",
     "blocked": "share of the action's samples in which the shield held the robot",
     "effort": "mean of the squares of the action's speed and yaw rate, as shares of the limits",
-    "change": "mean of the squares of their changes since the action before, which at the start is 0",
+    "change": "mean of the sizes of their changes since the action before, which at the start is 0",
     "depth_error_decrease": "`depth_error` before the action, less after it",
     "pose_error_decrease": "`pose_error` before the action, less after it",
 }
@@ -421,7 +421,7 @@ def _terms(
         terms[first + COLLISION] = 1.0 if collided[robot] else 0.0
         terms[first + BLOCKED] = blocked[robot] / block
         terms[first + EFFORT] = 0.5 * (v * v + w * w)
-        terms[first + CHANGE] = 0.5 * (change_v * change_v + change_w * change_w)
+        terms[first + CHANGE] = 0.5 * (abs(change_v) + abs(change_w))
         total = 0.0
         for d in range(weights_.shape[0]):
             total += weights_[d] * terms[first + d]

@@ -118,7 +118,7 @@ def test_every_term_and_their_sum(robots: int, network: dict[str, Any]) -> None:
                     "collision": float(env.core.simulation.world.collided[0, r]),
                     "blocked": env.core.simulation.world.blocked[0, r] / 4,
                     "effort": (action**2).mean(),
-                    "change": ((action - last[agent]) ** 2).mean(),
+                    "change": np.abs(action - last[agent]).mean(),
                     "depth_error_decrease": wrong[agent][0] - depth_error,
                     "pose_error_decrease": wrong[agent][1] - pose_error,
                 }

@@ -172,8 +172,10 @@ class EvaluationConfig(Model):
     every: Count = 200_000
     """steps between two evaluations."""
     episodes: Count = 100
+    options: dict[str, Any] = {}  # noqa: RUF012 - as above
+    """options of the environment for what is evaluated, over the run's: another estimator than in training."""
     score: str = "information_end"
-    """entry of `agents.playing.SCORES` by which the best policy is kept; more is better."""
+    """entry of `agents.playing.SCORES` by which the best policy is kept: more is better, or with a minus less."""
     test: Annotated[int, Field(ge=0)] = 400
     """episodes on test seeds for the card, at the end."""
     scripts: tuple[str, ...] | None = None
@@ -184,7 +186,7 @@ class EvaluationConfig(Model):
     @field_validator("score")
     @classmethod
     def _known_score(cls, value: str) -> str:
-        if value not in SCORES:
+        if value.removeprefix("-") not in SCORES:
             raise ValueError(f"must be one of {', '.join(SCORES)}{hint(value, tuple(SCORES))}, but is {value!r}")
         return value
 
@@ -272,7 +274,7 @@ class TrainConfig(Model):
         variants: Sequence[Mapping[str, Any]] = suite(self.evaluation.suite).variants if given is None else given
         if not variants:
             raise ValueError("Argument `evaluation.variants` must have at least one entry, but has none")
-        shared = self.environment.shared
+        shared = load_config(self.environment.shared, **self.evaluation.options)
         return [load_config(shared, **each) for each in variants]
 
     def to_dict(self) -> dict[str, Any]:

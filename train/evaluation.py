@@ -127,6 +127,12 @@ def play_script(config: TrainConfig, name: str, *, episodes: int, which: str = "
     return evaluate(config, agent(name), episodes=episodes, which=which, options=config.evaluation.script_options)
 
 
+def value(found: Mapping[str, float], score: str) -> float:
+    """A score of `means` for which more is better: a minus before its name turns it."""
+    sign = -1.0 if score.startswith("-") else 1.0
+    return sign * found[score.removeprefix("-")]
+
+
 def means(scores: Scores) -> dict[str, float]:
     """One number for each score that there is: medians of times, means of others, and the shares that got there."""
     found = {}

@@ -18,7 +18,7 @@ from relloc_env.config import ConfigError
 from relloc_env.scenarios import SEEDS
 from train import checkpoints, export
 from train.config import TrainConfig
-from train.evaluation import Journal, compare, differences, evaluate, intervals, means, play_script, policy_of
+from train.evaluation import Journal, compare, differences, evaluate, intervals, means, play_script, policy_of, value
 from train.folder import CHECKPOINT, EVALUATION, POLICY, SAVED, SCRIPTS, claim
 from train.models import build, sound
 from train.progress import Show
@@ -112,7 +112,7 @@ class Run:
     def script(self) -> str:
         """Name of the best script."""
         score = self.config.evaluation.score
-        return max(self._scripts, key=lambda name: self._scripts[name][score], default="")
+        return max(self._scripts, key=lambda name: value(self._scripts[name], score), default="")
 
     def learn(self) -> None:
         """Train to the end."""
@@ -160,7 +160,7 @@ class Run:
     def _evaluate(self) -> None:
         evaluation = self.config.evaluation
         found = means(evaluate(self.config, self._policy(), episodes=evaluation.episodes))
-        score = found[evaluation.score]
+        score = value(found, evaluation.score)
         if score > self.best["score"]:
             normaliser = self.model.get_vec_normalize_env()
             statistics = deepcopy(normaliser.obs_rms) if normaliser is not None else None
@@ -169,7 +169,7 @@ class Run:
         script = self.script
         line = {
             "steps": self.steps, "score": score, "best": self.best["score"], "script": script,
-            "script_score": self._scripts[script][evaluation.score] if script else None, **found,
+            "script_score": value(self._scripts[script], evaluation.score) if script else None, **found,
         }  # fmt: skip
         for name in SCORED:
             if name in found:

@@ -1,5 +1,6 @@
 """A run: what it leaves, that it can be killed, that the same seed gives the same policy."""
 
+import inspect
 import json
 import os
 import signal
@@ -14,7 +15,10 @@ import pytest
 
 pytest.importorskip("stable_baselines3")
 
+import gymnasium as gym
 import torch
+import yaml
+from stable_baselines3 import PPO
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 from typer.testing import CliRunner
 
@@ -23,7 +27,7 @@ from agents.registry import agent
 from relloc_env.config import ConfigError, load_config
 from train import checkpoints
 from train.__main__ import app
-from train.config import TrainConfig, load
+from train.config import CONFIGS, TrainConfig, load
 from train.folder import CHECKPOINT, EVALUATION
 from train.run import DivergedError, train
 from train.tune import tune
@@ -104,6 +108,45 @@ def test_killed_it_goes_on_and_ends_as_if_nothing_had_happened(tmp_path: Path) -
     train(whole, tmp_path / "killed")
     assert same(weights(tmp_path / "killed"), weights(tmp_path / "whole"))
     assert (tmp_path / "killed" / EVALUATION).read_bytes() == (tmp_path / "whole" / EVALUATION).read_bytes()
+
+
+@pytest.mark.parametrize("path", sorted(CONFIGS.glob("*.yaml")), ids=lambda path: path.stem)
+def test_published_configurations_are_whole_and_plain_data(path: Path) -> None:
+    config = load(path.stem, ["seed=7", "algorithm.learning_rate=3e-4", "environment.options.robot.max_speed=0.2"])
+    assert (config.seed, config.algorithm.learning_rate) == (7, 3e-4)
+    assert config.played[0].robot_of(0).max_speed == 0.2
+    assert load(yaml.safe_load(yaml.safe_dump(config.to_dict()))) == config
+    assert config.algorithm.batch_size <= config.algorithm.n_steps * config.num_envs * (
+        2 if config.environment.decentralised else 1
+    )
+
+
+@pytest.mark.parametrize(
+    ("override", "message"),
+    [
+        ("algorithm.n_step=3", "did you mean `n_steps`"),
+        ("environment.options.robot.max_sped=2", "did you mean `max_speed`"),
+        ("evaluation.score=information", "did you mean `information_end`"),
+        ("environment.without=[pose]", "must be of"),
+        ("network.policy=MlpLstmPolicy", "RecurrentPPO"),
+        ("stepps=3", "did you mean `steps`"),
+        ("steps", "must look like"),
+    ],
+)
+def test_what_is_wrong_with_an_override_is_said(override: str, message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        load("active-depth", [override])
+
+
+def test_the_trainer_of_the_zoo_finds_arguments_that_there_are() -> None:
+    data = yaml.safe_load((CONFIGS.parent / "zoo" / "ppo.yml").read_text("utf-8"))
+    assert set(data) == {"relloc_env/ActiveDepth-v0", "relloc_env/RelativePose-v0"}
+    zoo = {"normalize", "n_envs", "n_timesteps", "policy", "env_kwargs"}
+    for name, options in data.items():
+        assert name in gym.registry
+        given = {key: value for key, value in options.items() if key not in zoo}
+        assert set(given) <= set(inspect.signature(PPO).parameters)
+        load_config(options.get("env_kwargs"))
 
 
 def test_the_folder_of_another_run_is_left_alone(tmp_path: Path) -> None:
