@@ -116,9 +116,9 @@ def test_published_configurations_are_whole_and_plain_data(path: Path) -> None:
     assert (config.seed, config.algorithm.learning_rate) == (7, 3e-4)
     assert config.played[0].robot_of(0).max_speed == 0.2
     assert load(yaml.safe_load(yaml.safe_dump(config.to_dict()))) == config
-    assert config.algorithm.batch_size <= config.algorithm.n_steps * config.num_envs * (
-        2 if config.environment.decentralised else 1
-    )
+    options: Any = config.algorithm
+    rows = config.num_envs * (2 if config.environment.decentralised else 1)
+    assert options.batch_size <= options.n_steps * rows
 
 
 @pytest.mark.parametrize(
