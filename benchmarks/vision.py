@@ -23,6 +23,8 @@ from relloc_env.scenarios import seeds
 FALSE = 5.0
 """[px] a detection farther from its target than this is one of something else."""
 ESTIMATORS = ("map-alignment", "cascade-critical", "inverse-depth", "cascade")
+BLOCK = 10
+"""Episodes that are played at once."""
 Tell = Callable[[float, str], object]
 
 
@@ -187,14 +189,36 @@ def run(
             tell(0.05 + 0.95 * (k + done) / len(jobs), words)
 
         config = load_config(scenario, camera={"kind": kind, "pixel_noise": noise})
-        outcome = play(config, motion, seeds("test", count), actions, part)
-        results["runs"][f"{scenario}, {kind}"] = {
-            "episodes": count,
-            "detections": detection_figures(outcome),
-            "poses": pose_figures(outcome),
-        }
-        (out / "vision.json").write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
+        chosen, outcomes = seeds("test", count), []
+        for start in range(0, count, BLOCK):
+            some = chosen[start : start + BLOCK]
+            outcomes.append(play(config, motion, some, actions, lambda d, w, s=start: part((s + BLOCK * d) / count, w)))
+            outcome = together(outcomes)
+            results["runs"][f"{scenario}, {kind}"] = {
+                "episodes": start + len(some),
+                "detections": detection_figures(outcome),
+                "poses": pose_figures(outcome),
+            }
+            (out / "vision.json").write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
     return results
+
+
+def together(outcomes: Sequence[Outcome]) -> Outcome:
+    """What came of all of them."""
+    return Outcome(
+        np.concatenate([one.offset for one in outcomes]),
+        np.concatenate([one.distance for one in outcomes]),
+        sum(one.frames for one in outcomes),
+        np.concatenate([one.seen for one in outcomes], axis=1),
+        np.concatenate([one.visible for one in outcomes], axis=1),
+        {
+            e: (
+                np.concatenate([one.poses[e][0] for one in outcomes]),
+                np.concatenate([one.poses[e][1] for one in outcomes]),
+            )
+            for e in outcomes[0].poses
+        },
+    )
 
 
 def ratios(results: Mapping[str, Any]) -> dict[str, dict[str, float]]:
