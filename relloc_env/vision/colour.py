@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from relloc_env.samples import Bool, Float
 from relloc_env.vision.lens import to_pixels
 from relloc_env.vision.outline import agreement, area_of, from_ellipse, from_rim, moments
-from relloc_env.vision.protocol import Detections, Picture, View
+from relloc_env.vision.protocol import Detections, Detector, Picture, View
 
 SATURATION = 96
 """Least saturation (of 255) of a target's pixels; the world around is greyer."""
@@ -42,6 +42,11 @@ class Blob(NamedTuple):
     mask: NDArray[np.uint8]
     """(height, width) 1 inside."""
     colour: int
+
+
+def open_detector(view: View) -> Detector:
+    """The detector of this module."""
+    return ColourDetector(view)
 
 
 class ColourDetector:
