@@ -12,7 +12,9 @@ import numpy as np
 from relloc_env.samples import Bool, Float
 
 TRIPLES = 60
-"""Circles through three points of a rim that are tried."""
+"""Outlines through three points of a rim that are tried."""
+LEAST_POINTS = 6
+"""Points that must be on an outline."""
 CLOSE = 0.6
 """[px] how far from an outline a point of its rim may be."""
 LEAST_ARC = 1.0 / 3.0
@@ -51,7 +53,7 @@ def moments(p: Float, q: float) -> Float:
 def from_rim(rays: Float, depth: Float, pixel: float) -> tuple[Float, float, Bool] | None:
     """The sphere's image of which only a part of the rim shows; other edges may be among the points.
 
-    A circle that agrees with as many points as possible is found first, then the sphere's outline is fitted to them.
+    The outline that agrees with as many points as possible is found first, then fitted to those.
 
     Args:
         rays: [-] (E, 2) points within a pixel of an edge.
@@ -61,17 +63,16 @@ def from_rim(rays: Float, depth: Float, pixel: float) -> tuple[Float, float, Boo
     Returns:
         p (2,) and q = (R/Z)², and which of the points are on the outline (E,); None where too little of it shows.
     """
-    start = _circle(rays, depth * pixel, CLOSE * pixel)
+    start = _cone(rays, depth * pixel, CLOSE * pixel)
     if start is None:
         return None
-    centre, radius = start
-    p, q = from_ellipse(centre, math.pi * radius * radius)
+    p, q = start
     on = np.ones(len(rays), np.bool_)
     for k in range(8):
         value, slope = _inside(rays, p, q)
         miss = value / pixel - depth
         on = np.abs(miss) < CLOSE * (2.0 if k < 3 else 1.0)
-        if on.sum() < 6:
+        if on.sum() < LEAST_POINTS:
             return None
         step = np.linalg.lstsq(slope[on] / pixel, -miss[on], rcond=None)[0]
         p, q = p + step[:2], float(np.clip(q + step[2], 1e-8, 0.9))
@@ -96,21 +97,27 @@ def _inside(rays: Float, p: Float, q: float) -> tuple[Float, Float]:
     return value / size, slope / size[:, None]
 
 
-def _circle(points: Float, depth: Float, close: float) -> tuple[Float, float] | None:
-    """Centre and radius of the circle that most of the points (E, 2) are as deep inside of as they should be."""
-    if len(points) < 6:
+def _cone(rays: Float, depth: Float, close: float) -> tuple[Float, float] | None:
+    """p and q of the sphere that most of the points (E, 2) are as deep inside of as they should be.
+
+    Directions to the outline are as far from the direction to the centre: three of them tell a plane, normal to it.
+    """
+    if len(rays) < LEAST_POINTS:
         return None
-    triples = np.random.default_rng(0).integers(0, len(points), (TRIPLES, 3))
-    a, b, c = (points[triples[:, i]] for i in range(3))
-    b, c = b - a, c - a
-    twice = 2.0 * (b[:, 0] * c[:, 1] - b[:, 1] * c[:, 0])
-    bb, cc = np.sum(b * b, axis=1), np.sum(c * c, axis=1)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        centre = np.column_stack([c[:, 1] * bb - b[:, 1] * cc, b[:, 0] * cc - c[:, 0] * bb]) / twice[:, None]
-    regular = np.abs(twice) > 0.0
-    centre, a = centre[regular], a[regular]
-    radius = np.hypot(centre[:, 0], centre[:, 1])
-    away = np.linalg.norm(points - (centre + a)[:, None], axis=-1)
-    votes = np.sum(np.abs(radius[:, None] - away - depth) < close, axis=1)
+    triples = np.random.default_rng(0).integers(0, len(rays), (TRIPLES, 3))
+    towards = np.column_stack([rays, np.ones(len(rays))])
+    towards /= np.linalg.norm(towards, axis=1)[:, None]
+    a, b, c = (towards[triples[:, i]] for i in range(3))
+    normal = np.cross(b - a, c - a)
+    size = np.linalg.norm(normal, axis=1) * np.sign(normal[:, 2])
+    regular = size != 0.0
+    normal, a = normal[regular] / size[regular, None], a[regular]
+    cos = np.sum(normal * a, axis=1)
+    sin = np.sqrt(np.maximum(1.0 - cos * cos, 1e-12))
+    inside = (towards @ normal.T - cos) / sin
+    votes = np.sum(np.abs(inside - depth[:, None]) < close, axis=0)
     best = int(np.argmax(votes)) if votes.size else 0
-    return (centre[best] + a[best], float(radius[best])) if votes.size and votes[best] >= 6 else None
+    if not votes.size or votes[best] < LEAST_POINTS:
+        return None
+    p = normal[best, :2] / normal[best, 2]
+    return p, float(min(sin[best] ** 2 * (1.0 + p @ p), 0.9))
