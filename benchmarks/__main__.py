@@ -124,6 +124,30 @@ def estimators(
     console.print(f"Results: {out / 'estimators.json'}")
 
 
+@app.command()
+def vision(
+    out: Annotated[Path, typer.Option(help="Folder for vision.json.")] = Path("out/vision"),
+    episodes: Annotated[int, typer.Option(min=1, help="Episodes of open-field, 1200 pictures each.")] = 100,
+    repetitions: Annotated[int, typer.Option(min=1, help="Runs of the paper's experiment.")] = 5,
+    pictures: Annotated[int, typer.Option(min=1, help="Pictures of each hard case.")] = 200,
+    actions: Annotated[int | None, typer.Option(min=1, help="Actions of each episode; default: all.")] = None,
+) -> None:
+    """Cameras that take pictures beside analytic ones (extra: vision): detections, poses, hard cases. An hour or so."""
+    from benchmarks.report import progress
+    from benchmarks.vision import run, tables
+
+    try:
+        with progress() as tell:
+            results = run(
+                out, episodes=episodes, repetitions=repetitions, pictures=pictures, actions=actions, tell=tell
+            )
+    except (ModuleNotFoundError, OSError) as error:
+        _stop(str(error))
+    console = Console()
+    console.print(*tables(results))
+    console.print(f"Results: {out / 'vision.json'}")
+
+
 def _stop(message: str) -> NoReturn:
     """Print one line and end with exit code 2."""
     typer.echo(f"Error: {message}", err=True)

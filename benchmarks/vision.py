@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from rich.table import Table
 
 from agents.policy import Task
 from agents.registry import agent
@@ -23,6 +24,8 @@ from relloc_env.scenarios import seeds
 FALSE = 5.0
 """[px] a detection farther from its target than this is one of something else."""
 ESTIMATORS = ("map-alignment", "cascade-critical", "inverse-depth", "cascade")
+BLOCK = 10
+"""Episodes that are played at once."""
 Tell = Callable[[float, str], object]
 
 
@@ -173,7 +176,6 @@ def run(
     noise = load_config(None, camera="image").camera_of(0).image.detection_noise
     results: dict[str, Any] = {
         "settings": {"episodes": episodes, "actions": actions, "agent": name, "noise_px": noise},
-        "trials": trials(pictures, lambda done, words: tell(0.05 * done, words)),
         "runs": {},
     }
     jobs = [
@@ -184,17 +186,41 @@ def run(
     for k, (scenario, kind, motion, count) in enumerate(jobs):
 
         def part(done: float, words: str, k: int = k) -> None:
-            tell(0.05 + 0.95 * (k + done) / len(jobs), words)
+            tell(0.9 * (k + done) / len(jobs), words)
 
         config = load_config(scenario, camera={"kind": kind, "pixel_noise": noise})
-        outcome = play(config, motion, seeds("test", count), actions, part)
-        results["runs"][f"{scenario}, {kind}"] = {
-            "episodes": count,
-            "detections": detection_figures(outcome),
-            "poses": pose_figures(outcome),
-        }
-        (out / "vision.json").write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
+        chosen, outcomes = seeds("test", count), []
+        for start in range(0, count, BLOCK):
+            some = chosen[start : start + BLOCK]
+            outcomes.append(play(config, motion, some, actions, lambda d, w, s=start: part((s + BLOCK * d) / count, w)))
+            outcome = together(outcomes)
+            results["runs"][f"{scenario}, {kind}"] = {
+                "episodes": start + len(some),
+                "detections": detection_figures(outcome),
+                "poses": pose_figures(outcome),
+            }
+            (out / "vision.json").write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
+    results["trials"] = trials(pictures, lambda done, words: tell(0.9 + 0.1 * done, words))
+    (out / "vision.json").write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
     return results
+
+
+def together(outcomes: Sequence[Outcome]) -> Outcome:
+    """What came of all of them."""
+    return Outcome(
+        np.concatenate([one.offset for one in outcomes]),
+        np.concatenate([one.distance for one in outcomes]),
+        sum(one.frames for one in outcomes),
+        np.concatenate([one.seen for one in outcomes], axis=1),
+        np.concatenate([one.visible for one in outcomes], axis=1),
+        {
+            e: (
+                np.concatenate([one.poses[e][0] for one in outcomes]),
+                np.concatenate([one.poses[e][1] for one in outcomes]),
+            )
+            for e in outcomes[0].poses
+        },
+    )
 
 
 def ratios(results: Mapping[str, Any]) -> dict[str, dict[str, float]]:
@@ -204,3 +230,35 @@ def ratios(results: Mapping[str, Any]) -> dict[str, dict[str, float]]:
         image, analytic = (results["runs"][f"{scenario}, {kind}"]["poses"] for kind in ("image", "analytic"))
         found[scenario] = {e: image[e]["position_rms_m"] / analytic[e]["position_rms_m"] for e in image}
     return found
+
+
+def tables(results: Mapping[str, Any]) -> list[Table]:
+    """Detections, poses and hard cases, for a terminal."""
+    found = Table(title="Detections", title_justify="left")
+    for head in ("run", "episodes", "pictures", "false", "median [px]", "95 % [px]", "sd x, y [px]", "found of visible"):
+        found.add_column(head, justify="left" if head == "run" else "right")
+    poses = Table(title="Poses at the end", title_justify="left")
+    for head in ("run", "estimator", "position rms [m]", "over analytic", "heading rms [deg]", "NEES, mean", "95 % band"):
+        poses.add_column(head, justify="left" if head in ("run", "estimator") else "right")
+    over = ratios(results)
+    for name, row in results["runs"].items():
+        d = row["detections"]
+        found.add_row(
+            name, str(row["episodes"]), str(d["frames"]), str(d["false"]), f"{d['median_px']:.3f}",
+            f"{d['error_95_px']:.3f}", "{:.3f}, {:.3f}".format(*d["sd_px"]), f"{d['found_of_visible']:.3f}",
+        )  # fmt: skip
+        scenario, _, kind = name.partition(", ")
+        for estimator, p in row["poses"].items():
+            ratio = f"{over[scenario][estimator]:.2f}" if kind == "image" else ""
+            poses.add_row(
+                name, estimator, f"{p['position_rms_m']:.4f}", ratio, f"{p['heading_rms_deg']:.3f}",
+                f"{p['nees_mean']:.2f}", "{:.1f} to {:.1f}".format(*p["nees_band"]),
+            )  # fmt: skip
+    hard = Table(title="Hard cases, single pictures", title_justify="left")
+    for head in ("case", "found", "median [px]", "95 % [px]", "something else taken for it"):
+        hard.add_column(head, justify="left" if head == "case" else "right")
+    for name, t in results["trials"].items():
+        hard.add_row(
+            name, f"{t['found']:.3f}", f"{t['median_px']:.3f}", f"{t['error_95_px']:.3f}", f"{t['false']:.3f}"
+        )
+    return [found, poses, hard]

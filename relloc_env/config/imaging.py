@@ -51,8 +51,9 @@ class ImageConfig(Model):
     """[s] time for which the shutter is open, around the time of the sample; motion blurs the picture meanwhile."""
     distortion: tuple[Finite, Finite, Finite, Finite, Finite] = (0.0, 0.0, 0.0, 0.0, 0.0)
     """k1, k2, p1, p2, k3 of the lens, as OpenCV has them; robots know them."""
-    detection_noise: Positive = 0.2
-    """[px] standard deviation of each coordinate of a detection, as estimators are told; docs/vision.md measures it."""
+    detection_noise: Positive = 0.02
+    """[px] standard deviation of each coordinate of a detection, as estimators are told. The default is what the colour
+    detector has in these pictures (docs/vision.md); it is more for blur, glare or tags."""
     detector: str | Callable[..., Any] = "colour"
     """who finds targets: `colour`, `apriltag`, or a factory of the user's own (`relloc_env.vision.protocol`) or its
     place, `module:Name` or `path/to/file.py:Name`."""

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from relloc_env.samples import Bool, Float
 from relloc_env.vision.lens import to_pixels
-from relloc_env.vision.outline import from_ellipse, moments
-from relloc_env.vision.protocol import Detections, Picture, View
+from relloc_env.vision.outline import agreement, area_of, from_ellipse, from_rim, moments
+from relloc_env.vision.protocol import Detections, Detector, Picture, View
 
 SATURATION = 96
 """Least saturation (of 255) of a target's pixels; the world around is greyer."""
@@ -21,10 +21,17 @@ HUE = 10.0
 """Greatest difference of hue (of 256) from a target's colour; less where colours are closer than twice that."""
 LEAST_AREA = 12
 """[px] of a target in the picture."""
-MARGIN = 3
+MARGIN = 5
 """[px] around what was found that tell the background."""
-SHAPE = 0.15
-"""Greatest relative difference of the second moments from those of a sphere's image."""
+REACH = 9
+"""[px] edge of the square in which the grey around a pixel is looked for."""
+LEAST_ROUND = 0.8
+"""Share of the edge that must be on the outline of a sphere that shows whole."""
+BLURRED, SMEARED = 1.4, 1.0
+"""An edge so many times as wide as a sharp one is blurred by motion; then the second moments may differ by so much from
+those of a sphere's image."""
+LEAST_RIM, LEAST_PART = 0.5, 0.35
+"""Shares of the edge that must be the sphere's outline, and of the sphere's image that must show."""
 
 
 class Blob(NamedTuple):
@@ -37,11 +44,16 @@ class Blob(NamedTuple):
     colour: int
 
 
+def open_detector(view: View) -> Detector:
+    """The detector of this module."""
+    return ColourDetector(view)
+
+
 class ColourDetector:
     """Finds coloured spheres: pixels by hue and saturation, patches of them, and the centre of each by moments.
 
-    Each pixel at the rim counts by the share that the sphere covers. A patch whose second moments are not those of a
-    sphere's image is something else, or partly hidden.
+    Each pixel at the rim counts by the share that the sphere covers. Where the edge is not the outline of a sphere, a
+    part is hidden, or out of the picture: the outline is fitted to what shows of it. Or else it is something else.
 
     Args:
         view: what it looks through, and for; targets of one colour cannot be told apart in one picture.
@@ -97,40 +109,59 @@ class ColourDetector:
     def _measure(self, picture: Picture, blob: Blob) -> tuple[Float, float] | None:
         """Where the centre of the sphere behind a patch is projected [-] (2,), and its size [px]; None if it is none."""
         x, y, w, h = blob.box
-        if x == 0 or y == 0 or x + w == self._view.width or y + h == self._view.height:
-            return None
+        width, height = self._view.width, self._view.height
         left, top = max(x - MARGIN, 0), max(y - MARGIN, 0)
-        right, bottom = min(x + w + MARGIN, self._view.width), min(y + h + MARGIN, self._view.height)
+        right, bottom = min(x + w + MARGIN, width), min(y + h + MARGIN, height)
         inside = np.zeros((bottom - top, right - left), np.uint8)
         inside[y - top : y - top + h, x - left : x - left + w] = blob.mask
         part = np.s_[top:bottom, left:right]
-        weight = _cover(picture[part].astype(np.float64), inside) * self._areas[part]
+        cover, rays = _cover(picture[part].astype(np.float32), inside), self._rays[part]
+        weight = cover * self._areas[part]
         area = float(weight.sum())
-        rays = self._rays[part]
-        centre = np.tensordot(weight, rays, 2) / area
-        p, q = from_ellipse(centre, area)
-        expected = moments(p, q)
-        d = rays - centre
-        spread = np.einsum("ij,ijk,ijl->kl", weight, d, d) / area
-        # a pixel is a square of its own: its moments are in those of the picture
-        if np.linalg.norm(spread - expected) > SHAPE * np.linalg.norm(expected):
-            return None
-        return p, area
+        rim = (cover > 0.1) & (cover < 0.9)
+        edge = (rays[rim], cover[rim] - 0.5, 1.0 / float(self._view.intrinsics[0]))
+        size = float(cover.sum())
+        if x > 0 and y > 0 and x + w < width and y + h < height:
+            centre = np.tensordot(weight, rays, 2) / area
+            p, q = from_ellipse(centre, area)
+            on = agreement(*edge, p, q)
+            if on > LEAST_ROUND:
+                return p, on * size
+            d = rays - centre
+            spread, expected = np.einsum("ij,ijk,ijl->kl", weight, d, d) / area, moments(p, q)
+            soft = rim.sum() / math.sqrt(4.0 * math.pi * size)
+            if soft > BLURRED and np.linalg.norm(spread - expected) < SMEARED * np.linalg.norm(expected):
+                return p, on * size
+        return _part(edge, area, size)
 
 
-def _cover(colours: Float, inside: NDArray[np.uint8]) -> Float:
+def _part(edge: tuple[Float, Float, float], area: float, size: float) -> tuple[Float, float] | None:
+    """The same of a sphere of which a part is hidden, or out of the picture: by its outline alone."""
+    fit = from_rim(*edge)
+    if fit is None:
+        return None
+    p, q, on = fit
+    if on.mean() < LEAST_RIM or not LEAST_PART < area / area_of(p, q) < 1.1:
+        return None
+    return p, float(on.mean()) * size
+
+
+def _cover(colours: NDArray[np.float32], inside: NDArray[np.uint8]) -> Float:
     """Share of each pixel that the sphere covers, from its colours (h, w, 3).
 
     A pixel is a mixture of the sphere's colour, however bright, and of the grey around. What it has at right angles to
-    the former is the share of the grey in it.
+    the former is the share of the grey in it; how bright that grey is, the nearest pixels outside say.
     """
-    near = cv2.dilate(inside, _SQUARE, iterations=2).astype(np.bool_)
+    near = cv2.dilate(inside, _SQUARE, iterations=2)
     paint = colours[inside.astype(np.bool_)].sum(axis=0)
     paint /= math.sqrt(paint @ paint)
-    across = np.ones(3) - paint.sum() * paint
-    grey = colours @ across
-    around = float(np.median(grey[~near])) if not near.all() else float(grey.max())
-    return np.where(near, np.clip(1.0 - grey / max(around, 1e-6), 0.0, 1.0), 0.0)
+    grey = colours @ (np.ones(3, np.float32) - paint.sum() * paint)
+    outside = (1 - near).astype(np.float32)
+    count = cv2.blur(outside, (REACH, REACH))
+    around = cv2.blur(grey * outside, (REACH, REACH)) / np.maximum(count, 1e-6)
+    known = count > 1e-3
+    around = np.where(known, around, around[known].mean() if known.any() else grey.max())
+    return np.where(near > 0, np.clip(1.0 - grey / np.maximum(around, 1e-6), 0.0, 1.0), 0.0).astype(np.float64)
 
 
 _SQUARE = np.ones((3, 3), np.uint8)

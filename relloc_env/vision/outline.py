@@ -9,7 +9,17 @@ import math
 
 import numpy as np
 
-from relloc_env.samples import Float
+from relloc_env.samples import Bool, Float
+
+TRIPLES = 60
+"""Outlines through three points of a rim that are tried."""
+LEAST_POINTS = 6
+"""Points that must be on an outline."""
+CLOSE = 0.6
+"""[px] how far from an outline a point of its rim may be."""
+LEAST_ARC = 1.0 / 3.0
+"""Share of an outline that must show."""
+SECTORS = 36
 
 
 def from_ellipse(centre: Float, area: float) -> tuple[Float, float]:
@@ -26,6 +36,11 @@ def from_ellipse(centre: Float, area: float) -> tuple[Float, float]:
     return centre * (1.0 - q), q
 
 
+def area_of(p: Float, q: float) -> float:
+    """Area of the ellipse."""
+    return math.pi * q * math.sqrt(1.0 + float(p @ p) - q) / (1.0 - q) ** 1.5
+
+
 def moments(p: Float, q: float) -> Float:
     """Return (2, 2) second central moments of the ellipse over its area: a quarter of its squared semi-axes."""
     square = float(p @ p)
@@ -33,3 +48,76 @@ def moments(p: Float, q: float) -> Float:
     along = across * (1.0 + square - q) / (1.0 - q)
     unit = p / math.sqrt(square) if square > 0.0 else np.array([1.0, 0.0])
     return 0.25 * (across * np.eye(2) + (along - across) * np.outer(unit, unit))
+
+
+def from_rim(rays: Float, depth: Float, pixel: float) -> tuple[Float, float, Bool] | None:
+    """The sphere's image of which only a part of the rim shows; other edges may be among the points.
+
+    The outline that agrees with as many points as possible is found first, then fitted to those.
+
+    Args:
+        rays: [-] (E, 2) points within a pixel of an edge.
+        depth: [px] (E,) how far inside the edge each of them is.
+        pixel: [-] size of a pixel.
+
+    Returns:
+        p (2,) and q = (R/Z)², and which of the points are on the outline (E,); None where too little of it shows.
+    """
+    start = _cone(rays, depth * pixel, CLOSE * pixel)
+    if start is None:
+        return None
+    p, q = start
+    on = np.ones(len(rays), np.bool_)
+    for k in range(8):
+        value, slope = _inside(rays, p, q)
+        miss = value / pixel - depth
+        on = np.abs(miss) < CLOSE * (2.0 if k < 3 else 1.0)
+        if on.sum() < LEAST_POINTS:
+            return None
+        step = np.linalg.lstsq(slope[on] / pixel, -miss[on], rcond=None)[0]
+        p, q = p + step[:2], float(np.clip(q + step[2], 1e-8, 0.9))
+    d = rays[on] - p
+    sectors = np.unique(((np.arctan2(d[:, 1], d[:, 0]) / (2.0 * math.pi) + 0.5) * SECTORS).astype(int) % SECTORS)
+    return (p, q, on) if sectors.size >= LEAST_ARC * SECTORS else None
+
+
+def agreement(rays: Float, depth: Float, pixel: float, p: Float, q: float) -> float:
+    """Share of the points of an edge that are on an outline; arguments as of `from_rim`."""
+    return float(np.mean(np.abs(_inside(rays, p, q)[0] / pixel - depth) < CLOSE)) if len(rays) else 0.0
+
+
+def _inside(rays: Float, p: Float, q: float) -> tuple[Float, Float]:
+    """How far inside the outline points (E, 2) are [-] (E,), and the derivative by p and q (E, 3)."""
+    dot = rays @ p + 1.0
+    square, k = np.sum(rays * rays, axis=1) + 1.0, float(p @ p) + 1.0 - q
+    value = dot * dot - square * k
+    gradient = 2.0 * (dot[:, None] * p - k * rays)
+    size = np.linalg.norm(gradient, axis=1)
+    slope = np.column_stack([2.0 * (dot[:, None] * rays - square[:, None] * p), square])
+    return value / size, slope / size[:, None]
+
+
+def _cone(rays: Float, depth: Float, close: float) -> tuple[Float, float] | None:
+    """p and q of the sphere that most of the points (E, 2) are as deep inside of as they should be.
+
+    Directions to the outline are as far from the direction to the centre: three of them tell a plane, normal to it.
+    """
+    if len(rays) < LEAST_POINTS:
+        return None
+    triples = np.random.default_rng(0).integers(0, len(rays), (TRIPLES, 3))
+    towards = np.column_stack([rays, np.ones(len(rays))])
+    towards /= np.linalg.norm(towards, axis=1)[:, None]
+    a, b, c = (towards[triples[:, i]] for i in range(3))
+    normal = np.cross(b - a, c - a)
+    size = np.linalg.norm(normal, axis=1) * np.sign(normal[:, 2])
+    regular = size != 0.0
+    normal, a = normal[regular] / size[regular, None], a[regular]
+    cos = np.sum(normal * a, axis=1)
+    sin = np.sqrt(np.maximum(1.0 - cos * cos, 1e-12))
+    inside = (towards @ normal.T - cos) / sin
+    votes = np.sum(np.abs(inside - depth[:, None]) < close, axis=0)
+    best = int(np.argmax(votes)) if votes.size else 0
+    if not votes.size or votes[best] < LEAST_POINTS:
+        return None
+    p = normal[best, :2] / normal[best, 2]
+    return p, float(min(sin[best] ** 2 * (1.0 + p @ p), 0.9))

@@ -3,6 +3,7 @@
 A detector remembers nothing; `relloc_env.vision.tracking` follows what it finds from picture to picture.
 """
 
+import importlib
 from collections.abc import Callable
 from typing import NamedTuple, Protocol, cast
 
@@ -15,6 +16,9 @@ from relloc_env.samples import Bool, Float
 from relloc_env.vision.lens import from_pixels
 
 Picture = NDArray[np.uint8]
+BUILT_IN = {"colour": "colour", "apriltag": "tags"}
+"""Where the detectors of this package are."""
+MISSING = "The package `opencv-python-headless` is missing: pip install 'relloc-env[vision]'"
 
 
 class View(NamedTuple):
@@ -74,14 +78,15 @@ def make_detector(config: EnvConfig, robot: int) -> Detector:
         ValueError, TypeError: a name that leads nowhere, or to what makes no detector.
     """
     view, given = view_of(config, robot), config.camera_of(robot).image.detector
-    if given == "colour":
-        from relloc_env.vision.colour import ColourDetector
-
-        return ColourDetector(view)
-    if given == "apriltag":
-        from relloc_env.vision.tags import TagDetector
-
-        return TagDetector(view)
+    if given in BUILT_IN:
+        try:
+            module = importlib.import_module(f"relloc_env.vision.{BUILT_IN[str(given)]}")
+        except ModuleNotFoundError as error:
+            if error.name != "cv2":
+                raise
+            raise ModuleNotFoundError(MISSING, name="cv2") from None
+        built: Detector = module.open_detector(view)
+        return built
     factory = load(given, "detector") if isinstance(given, str) else given
     made = cast("Callable[[View], Detector]", factory)(view)
     if not callable(getattr(made, "detect", None)):

@@ -5,7 +5,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from relloc_env.samples import Float
-from relloc_env.vision.protocol import Detections, Picture, View
+from relloc_env.vision.protocol import Detections, Detector, Picture, View
 
 _CELLS = 8
 """Cells along the edge of a tag, without the white border."""
@@ -20,6 +20,11 @@ def tag_cells(count: int) -> NDArray[np.float32]:
     family = _family()
     tags = [cv2.aruco.generateImageMarker(family, m, _CELLS) for m in range(count)]
     return np.pad(np.array(tags, np.float32) / 255.0, ((0, 0), (1, 1), (1, 1)), constant_values=1.0)
+
+
+def open_detector(view: View) -> Detector:
+    """The detector of this module."""
+    return TagDetector(view)
 
 
 class TagDetector:

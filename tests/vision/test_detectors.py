@@ -1,0 +1,176 @@
+"""Detectors on single pictures, against OpenCV's projection of where things are."""
+
+import math
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from relloc_env.config import load_config
+from relloc_env.vision import Detections, View, make_detector, view_of
+from relloc_env.vision.protocol import MISSING
+from relloc_env.vision.sensor import Sensor
+
+LENS = (-0.25, 0.06, 0.001, -0.001, 0.0)
+TAG = {"marker": {"kind": "tag"}}
+
+
+def world(image: Any = None, **options: Any):
+    """One robot at the origin of a large hall, looking along x."""
+    camera = {"kind": "image", "image": image or {}}
+    return load_config(None, **{"camera": camera, "robots": 1, "arena": (30.0, 30.0), **options})
+
+
+def look(config, points, seed=0):
+    """What is found, and where the targets are by OpenCV's account [px]."""
+    sensor, points = Sensor(config, 0), np.asarray(points, float)
+    view = sensor.view
+    picture = np.zeros((view.height, view.width, 3), np.uint8)
+    sensor.take(picture[None], np.zeros((1, 1, 3)), np.zeros((1, 1, 3)), points[None], np.array([seed], np.uint64))
+    f_x, f_y, c_x, c_y = view.intrinsics
+    matrix = np.array([[f_x, 0.0, c_x], [0.0, f_y, c_y], [0.0, 0.0, 1.0]])
+    seen = np.column_stack([-points[:, 1], 0.3 - points[:, 2], points[:, 0]])
+    truth = cv2.projectPoints(seen, np.zeros(3), np.zeros(3), matrix, view.lens)[0][:, 0]
+    return make_detector(config, 0).detect(picture), truth
+
+
+def errors(found: Detections, truth):
+    """[px] of each target, NaN where it is not found."""
+    result = []
+    for m, place in enumerate(truth):
+        here = np.flatnonzero(found.fits[:, m])
+        best = here[np.argmax(found.score[here])] if here.size else None
+        result.append(math.nan if best is None else float(np.linalg.norm(found.pixels[best] - place)))
+    return np.array(result)
+
+
+@pytest.mark.parametrize(
+    ("image", "options", "limit"),
+    [
+        ({}, {}, 0.5),
+        ({"distortion": LENS}, {}, 0.5),
+        ({"exposure": 0.33}, {}, 0.5),
+        ({"white_balance": (1.15, 1.0, 0.75)}, {}, 0.5),
+        ({"noise": 10.0}, {}, 0.5),
+        ({"detector": "apriltag"}, TAG, 1.0),
+        ({"detector": "apriltag", "distortion": LENS}, TAG, 1.0),
+    ],
+)
+def test_targets_are_found_where_opencv_projects_them(image, options, limit) -> None:
+    """20 pictures of 4 targets, up to 6 m away, each in its part of the picture."""
+    rng = np.random.default_rng(5)
+    config, worst = world(image, targets=4, **options), []
+    for k in range(20):
+        depth = rng.uniform(1.6 if config.marker.kind == "sphere" else 3.5, 6.0, 4)
+        x, y = rng.uniform(-0.03, 0.03, (2, 4)) + [[-0.36, -0.12, 0.12, 0.36], [0.1, -0.1, 0.1, -0.1]]
+        found, truth = look(config, np.column_stack([depth, -x * depth, 0.3 - y * depth]), k)
+        assert found.pixels.shape == (4, 2)
+        worst.append(errors(found, truth).max())
+    assert max(worst) < limit
+    assert np.median(worst) < 0.4 * limit
+
+
+def test_near_targets_are_corrected_for_the_ellipse() -> None:
+    """At 1 m and below, where the middle of the patch is 2 px and more from the projected centre."""
+    config = world(targets=2)
+    points = [(0.9, 0.45, 0.55), (0.8, -0.35, 0.15)]
+    found, truth = look(config, points)
+    assert errors(found, truth).max() < 0.3
+
+
+@pytest.mark.parametrize("cut", [0.0, 0.3, 0.6, 0.9])
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_a_target_at_the_border_is_found_by_what_shows_of_it(cut, side) -> None:
+    """Its centre is in the picture, `cut` of its radius from the border to be out of it."""
+    config = world(targets=1)
+    edge = side * 320.0 / view_of(config, 0).intrinsics[0]
+    x = edge * (1.0 - 0.1 / 3.0 * (1.0 - cut) / abs(edge))
+    found, truth = look(config, [(3.0, -3.0 * x, 0.4)])
+    assert errors(found, truth).max() < 0.5
+
+
+@pytest.mark.parametrize("hidden", [0.2, 0.5, 0.8])
+def test_a_target_partly_behind_a_post_is_found_by_what_shows_of_it(hidden) -> None:
+    """A post hides its left side; with `hidden` of the radius before the edge the centre still shows."""
+    edge = 0.1 * (1.0 - hidden)  # [m] beside the centre, as far away as the target
+    post = {"shape": "disc", "position": (1.5, 0.5 * edge + 0.06), "radius": 0.06, "height": 2.0}
+    config = world(targets=1, obstacles=[post])
+    found, truth = look(config, [(3.0, 0.0, 0.5)])
+    assert errors(found, truth).max() < 0.5
+
+
+def test_a_target_behind_a_wall_is_not_found() -> None:
+    box = {"shape": "box", "position": (2.0, 0.0), "size": (0.2, 1.0), "height": 2.0}
+    found, _ = look(world(targets=1, obstacles=[box]), [(3.0, 0.0, 0.5)])
+    assert found.pixels.shape == (0, 2)
+
+
+@pytest.mark.parametrize("size", [0.2, 0.4])
+def test_a_box_of_the_same_colour_is_not_taken_for_the_target(size) -> None:
+    red = load_config().marker.colour_of(0)
+    box = {"shape": "box", "position": (2.5, 0.6), "size": (size, size), "height": 0.3 + 0.5 * size, "colour": red}
+    found, truth = look(world(targets=1, obstacles=[box]), [(4.0, -0.6, 0.5)])
+    assert errors(found, truth).max() < 0.3
+    alone, _ = look(world(targets=1, obstacles=[box]), [(-4.0, 0.0, 0.5)])
+    assert alone.pixels.shape == (0, 2)
+
+
+def test_colours_tell_targets_apart_and_equal_ones_do_not() -> None:
+    points = [(3.0, 0.8, 0.5), (3.0, 0.0, 0.5), (3.0, -0.8, 0.5)]
+    found, _ = look(world(targets=3), points)
+    assert np.array_equal(found.fits.sum(axis=1), [1, 1, 1])
+    red, blue = (214, 40, 40), (30, 90, 214)
+    found, _ = look(world(targets=3, marker={"colours": [red, blue, red]}), points)
+    assert sorted(found.fits.sum(axis=1).tolist()) == [1, 2, 2]
+
+
+def test_all_colours_of_the_palette_are_found_in_poor_light() -> None:
+    points = [(5.0, 1.75 - 0.5 * m, 0.5) for m in range(8)]
+    for exposure in (0.33, 1.0, 1.5):
+        found, truth = look(world({"exposure": exposure}, targets=8), points)
+        assert np.array_equal(found.fits.sum(axis=0), np.ones(8)), exposure
+        assert errors(found, truth).max() < 0.5
+
+
+def test_an_empty_picture_has_no_targets() -> None:
+    for image, options in (({}, {}), ({"detector": "apriltag"}, TAG)):
+        found, _ = look(world(image, **options), [(-3.0, 0.0, 0.5), (-3.0, 1.0, 0.5)])
+        assert [len(part) for part in found] == [0, 0, 0]
+        assert found.fits.shape == (0, 2)
+
+
+class Blind:
+    """A detector that finds nothing."""
+
+    def __init__(self, view: View) -> None:
+        self.view = view
+
+    def detect(self, picture: Any) -> Detections:
+        return Detections(np.zeros((0, 2)), np.zeros((0, self.view.targets), np.bool_), np.zeros(0))
+
+
+def test_a_detector_of_ones_own_by_object_and_by_place(tmp_path) -> None:
+    for detector in (Blind, f"{__file__}:Blind"):
+        made = make_detector(world({"detector": detector}), 0)
+        assert type(made).__name__ == "Blind"
+        assert made.view.width == 640
+    with pytest.raises(TypeError, match="`detector` must make something with `detect`, but it makes int"):
+        make_detector(world({"detector": lambda view: 3}), 0)
+    with pytest.raises(ValueError, match="`detector` must lead to a class or function"):
+        make_detector(world({"detector": "no.such:Thing"}), 0)
+
+
+def test_without_opencv_the_message_says_what_to_install(monkeypatch) -> None:
+    import sys
+
+    monkeypatch.setitem(sys.modules, "cv2", None)
+    for name in ("colour", "tags"):
+        monkeypatch.delitem(sys.modules, f"relloc_env.vision.{name}", raising=False)
+    with pytest.raises(ModuleNotFoundError, match="relloc-env\\[vision\\]") as caught:
+        make_detector(world(), 0)
+    assert caught.value.name == "cv2"
+    assert str(caught.value) == MISSING
+    with pytest.raises(ModuleNotFoundError, match="relloc-env\\[vision\\]"):
+        Sensor(world(**TAG), 0)
+    Sensor(world(), 0)  # spheres need no OpenCV
