@@ -202,6 +202,16 @@ def test_unlimited_camera_shows_all_in_view() -> None:
     assert (shown < np.add(box[:2], box[2:])).all()
 
 
+def test_what_a_camera_took_is_shown() -> None:
+    taken = np.zeros((480, 640, 3), np.uint8)
+    taken[:240, :320], taken[240:, 320:] = (200, 30, 60), (20, 90, 210)
+    scene = bare(0, pictures=[taken, None])
+    box = layout((960, 540), scene.cameras, 0).images[0]
+    picture = paint(scene)
+    for x, y, colour in ((0.25, 0.25, (200, 30, 60)), (0.75, 0.75, (20, 90, 210)), (0.75, 0.25, (0, 0, 0))):
+        assert tuple(picture[int(box[1] + y * box[3]), int(box[0] + x * box[2])]) == colour
+
+
 def broken_estimate(scene: Scene, scale: float) -> Estimate:
     assert scene.estimate is not None
     believed = scene.estimate
@@ -346,6 +356,7 @@ def test_colours_of_targets_differ() -> None:
         ({"seen": np.zeros((2, 3), bool)}, r"`seen` must have shape \(2, 4\), but has \(2, 3\)"),
         ({"cameras": [CameraGeometry()]}, "`cameras` must have one entry for each of 2 robots, but has 1"),
         ({"trails": [np.zeros((3, 2))]}, "`trails` must be empty or have one entry for each of 2 robots, but has 1"),
+        ({"pictures": [None]}, "`pictures` must be empty or have one entry for each of 2 robots, but has 1"),
         ({"contact": np.zeros(3, bool)}, r"`contact` must have shape \(2,\), but has \(3,\)"),
     ],
 )
