@@ -13,7 +13,6 @@ from relloc_env.config import load_config
 pytest.importorskip("rerun")
 from rerun.chunk import RrdReader
 
-
 CONFIG = load_config(estimator="cascade", max_cycles=8)
 
 
