@@ -1,11 +1,13 @@
 """The picture of one environment, for every door: what a `Scene` needs, taken from the core."""
 
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Literal, cast
 
 import gymnasium as gym
 import numpy as np
 from gymnasium.error import ResetNeeded
+from numpy.typing import NDArray
 
 from relloc_env.metrics import bound_range_sd, nees, nees_band, point_errors, pose_errors
 from relloc_env.rewards import EXCITATION
@@ -16,6 +18,7 @@ if TYPE_CHECKING:
     from relloc_env.rendering import Renderer
     from relloc_env.rendering.course import Course, Instant
     from relloc_env.rendering.scene import Scene
+    from relloc_env.vision.sensor import Sensor
 
 
 class Picture:
@@ -30,6 +33,7 @@ class Picture:
         self._core, self._mode, self._n, self._size = core, mode, n, size
         self._trails: list[list[Float]] = [[] for _ in range(core.config.robots)]
         self._course: Course | None = None
+        self._sensors: dict[int, Sensor] = {}
         self._renderer: Renderer | None = None
 
     def follow(self, *, new: bool = False) -> None:
@@ -70,7 +74,27 @@ class Picture:
     def scene(self) -> "Scene":
         """The present, to be drawn or recorded; only with a mode, and after `follow`."""
         assert self._course is not None
-        return scene(self._core, self._n, [np.concatenate(trail) for trail in self._trails], self._course)
+        drawn = scene(self._core, self._n, [np.concatenate(trail) for trail in self._trails], self._course)
+        config = self._core.config
+        if all(config.camera_of(r).kind == "analytic" for r in range(config.robots)):
+            return drawn
+        painted = np.array([config.marker.colour_of(m) for m in range(config.targets)], np.uint8)
+        return replace(drawn, colours=painted, pictures=[self._take(r) for r in range(config.robots)])
+
+    def _take(self, robot: int) -> NDArray[np.uint8] | None:
+        """What a robot's camera sees now, if it takes pictures; their noise is drawn anew."""
+        config, world, n = self._core.config, self._core.simulation.world, self._n
+        if config.camera_of(robot).kind == "analytic":
+            return None
+        if robot not in self._sensors:
+            from relloc_env.vision.sensor import Sensor
+
+            self._sensors[robot] = Sensor(config, robot)
+        sensor = self._sensors[robot]
+        picture = np.zeros((1, sensor.view.height, sensor.view.width, 3), np.uint8)
+        row = np.s_[n : n + 1]
+        sensor.take(picture, world.pose[row], world.velocity[row], world.points[row], world.tick[row].astype(np.uint64))
+        return picture[0]
 
     def _draw(self) -> Any:
         if self._renderer is None:

@@ -62,24 +62,33 @@ def image_frame(box: Box, scene: Scene, robot: int) -> ImageFrame:
 
 
 def draw_camera(canvas: Canvas, frame: ImageFrame, scene: Scene, robot: int, theme: Theme, ui: float) -> None:
-    """Draw one camera image with its frame."""
+    """Draw one camera image with its frame: what the camera took, or else a sketch of what it would."""
     box, colour = frame.box, theme.robot(robot)
     left, top, width, height = box
+    taken = scene.pictures[robot] if len(scene.pictures) else None
     with canvas.inside(box):
-        horizon = frame.pixel(np.zeros(2))[1]
-        canvas.rectangle(box, theme.floor)
-        canvas.rectangle((left, horizon, width, max(top + height - horizon, 0.0)), theme.outside)
-        _draw_floor(canvas, frame, scene, robot, theme)
-        canvas.line((left, horizon), (left + width, horizon), theme.edge, 1.0)
-        _draw_bodies(canvas, frame, scene, robot, theme)
-        for place in range(len(scene.points)):
-            _draw_true(canvas, frame, scene, robot, place, theme, ui)
+        if taken is not None:
+            canvas.picture(box, taken)
+        else:
+            _draw_sketch(canvas, frame, scene, robot, theme, ui)
         if scene.estimate is not None:
             _draw_predicted(canvas, frame, scene, robot, theme, ui)
         for place in np.flatnonzero(scene.seen[robot]).tolist():
             _draw_measured(canvas, frame, scene.image[robot, place], theme, ui)
     edge = max(1.5, 2.0 * ui)
     canvas.rectangle((left - edge, top - edge, width + 2.0 * edge, height + 2.0 * edge), colour, edge)
+
+
+def _draw_sketch(canvas: Canvas, frame: ImageFrame, scene: Scene, robot: int, theme: Theme, ui: float) -> None:
+    left, top, width, height = frame.box
+    horizon = frame.pixel(np.zeros(2))[1]
+    canvas.rectangle(frame.box, theme.floor)
+    canvas.rectangle((left, horizon, width, max(top + height - horizon, 0.0)), theme.outside)
+    _draw_floor(canvas, frame, scene, robot, theme)
+    canvas.line((left, horizon), (left + width, horizon), theme.edge, 1.0)
+    _draw_bodies(canvas, frame, scene, robot, theme)
+    for place in range(len(scene.points)):
+        _draw_true(canvas, frame, scene, robot, place, theme, ui)
 
 
 def _draw_floor(canvas: Canvas, frame: ImageFrame, scene: Scene, robot: int, theme: Theme) -> None:

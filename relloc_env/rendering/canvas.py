@@ -97,6 +97,12 @@ class Canvas:
         thick = max(1, round(width * _FINE)) if width else 0
         self._pygame.draw.rect(self._fine, colour, (left, top, right - left, bottom - top), thick)
 
+    def picture(self, box: Box, pixels: NDArray[np.uint8]) -> None:
+        """Fill a box with a picture (height, width, 3), stretched."""
+        left, top, right, bottom = (round(v * _FINE) for v in (box[0], box[1], box[0] + box[2], box[1] + box[3]))
+        taken = self._pygame.image.frombuffer(np.ascontiguousarray(pixels), pixels.shape[1::-1], "RGB")
+        self._fine.blit(self._pygame.transform.smoothscale(taken, (right - left, bottom - top)), (left, top))
+
     def polygon(self, corners: Float, colour: Colour) -> None:
         """Fill a polygon of (T, 2) corners."""
         shape = self._fit(corners)

@@ -173,7 +173,7 @@ class RerunFile:
         self._log(f"{path}/measured", rr.Points2D(places, colors=scene.colours[seen], radii=3.0 * share))
 
     def _picture(self, scene: Scene, robot: int, share: float) -> NDArray[np.uint8]:
-        """Draw the camera's view as the pictures of an environment have it."""
+        """What the camera took, or a sketch of it, with what the robot believes, as in the pictures of environments."""
         camera = scene.cameras[robot]
         size = round(share * camera.width), round(share * camera.height)
         if size not in self._canvases:

@@ -129,6 +129,8 @@ class Scene:
     """(R, M) whether the camera measured the point."""
     robot_radius: float
     """[m] of every robot."""
+    pictures: Sequence[Colours | None] = ()
+    """(R,) of uint8 (H, W, 3) what the cameras took, in the proportions of their images; None, or empty: a sketch."""
     robot_height: float = 0.4
     """[m] of every robot, as the other one's camera sees it."""
     arena: tuple[float, float, float, float] | None = None
@@ -189,8 +191,9 @@ class Scene:
             raise ValueError(
                 f"Argument `cameras` must have one entry for each of {robots} robots, but has {len(self.cameras)}."
             )
-        if self.trails and len(self.trails) != robots:
-            raise ValueError(
-                f"Argument `trails` must be empty or have one entry for each of {robots} robots, but has "
-                f"{len(self.trails)}."
-            )
+        for name, entries in (("trails", self.trails), ("pictures", self.pictures)):
+            if len(entries) not in (0, robots):
+                raise ValueError(
+                    f"Argument `{name}` must be empty or have one entry for each of {robots} robots, but has "
+                    f"{len(entries)}."
+                )

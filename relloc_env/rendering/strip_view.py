@@ -62,7 +62,7 @@ def draw_strip(canvas: Canvas, box: Box, strip: Strip, scene: Scene, theme: Them
     step = 1 + (len(strip.time) - first) // _CORNERS
     shown = np.s_[first + (len(strip.time) - 1 - first) % step :: step]
     across = left + width * (strip.time[shown] - start) / (end - start)
-    lines = [(line, theme.robot(robot), max(1.25, 1.75 * ui)) for robot, line in enumerate(strip.lines)]
+    lines = [(line, theme.robot(robot), max(1.5, 1.75 * ui)) for robot, line in enumerate(strip.lines)]
     if strip.bound is not None:
         lines.insert(0, (strip.bound, bound_colour(theme), max(1.0, 1.25 * ui)))
     with canvas.inside((left, top - ui, width, height + 2.0 * ui)):

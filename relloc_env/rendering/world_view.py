@@ -225,7 +225,7 @@ def _draw_believed(canvas: Canvas, frame: MapFrame, scene: Scene, theme: Theme, 
             centre = frame.pixel(geometry.to_world(pose, place[None])[0])
             canvas.ring(centre, 7.5 * ui, theme.robot(robot), width)
             red, green, blue = scene.colours[point].tolist()
-            canvas.disc(centre, 2.0 * ui, (red, green, blue))
+            canvas.disc(centre, 3.0 * ui, (red, green, blue))
     for pair, (robot, other) in enumerate(ordered_pairs(len(scene.poses))):
         pose, mean, colour = scene.poses[robot], believed.pose[pair], theme.robot(int(robot))
         centre, radius = frame.pixel(geometry.to_world(pose, mean[None, :2])[0]), _size_of_robot(frame, scene, ui)

@@ -7,24 +7,18 @@ import pytest
 from PIL import Image
 
 from agents.film import film, scenes
+from agents.registry import agent
+from relloc_env.config import load_config
 
 pytest.importorskip("rerun")
 from rerun.chunk import RrdReader
 
-
-@pytest.fixture(autouse=True)
-def short_episodes(monkeypatch: pytest.MonkeyPatch) -> None:
-    import relloc_env
-
-    whole = relloc_env.parallel_env
-    monkeypatch.setattr(relloc_env, "parallel_env", lambda **options: whole(**options, max_cycles=8))
+CONFIG = load_config(estimator="cascade", max_cycles=8)
 
 
 def test_two_motions_start_alike_side_by_side(tmp_path: Path) -> None:
-    film(
-        tmp_path / "two.gif", motion="edge", beside="stationary", names=("one", "other"), estimator="cascade", seed=2,
-        width=840, faster=4.0, rerun=tmp_path / "two.rrd",
-    )  # fmt: skip
+    motions = {"one": agent("edge"), "other": agent("stationary")}
+    film(tmp_path / "two.gif", CONFIG, motions, seed=2, width=840, faster=4.0, rerun=tmp_path / "two.rrd")
     with Image.open(tmp_path / "two.gif") as animation:
         assert animation.size == (840, 437)
         assert animation.n_frames == 5  # actions 0, 2, 4, 6 and 8, the last one held
@@ -47,13 +41,14 @@ def _at(animation: Image.Image, frame: int) -> Image.Image:
 
 
 def test_scenes_are_those_of_the_episode() -> None:
-    seen = scenes("stationary", "cascade", 3, "still")
+    seen = scenes(CONFIG, agent("stationary"), 3, "still")
     assert [scene.time for scene in seen] == pytest.approx(np.arange(0.0, 2.01, 0.25))
     assert {scene.title for scene in seen} == {"still"}
     assert all((scene.poses == seen[0].poses).all() for scene in seen)
     assert [len(scene.strips[0].time) for scene in seen] == list(range(1, 10))
 
 
-def test_names_must_be_as_many_as_motions(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match="`names` must have one for each of 1 motions, but has 2"):
-        film(tmp_path / "a.gif", motion="edge", names=("a", "b"), estimator="cascade", seed=0, width=480, faster=4.0)
+@pytest.mark.parametrize("names", [(), ("edge", "arc", "circle")])
+def test_one_motion_or_two(tmp_path: Path, names: tuple[str, ...]) -> None:
+    with pytest.raises(ValueError, match=f"`motions` must have one entry or two, but has {len(names)}"):
+        film(tmp_path / "a.gif", CONFIG, {name: agent(name) for name in names}, seed=0)

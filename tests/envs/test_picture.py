@@ -76,3 +76,24 @@ def test_a_singular_covariance_has_no_nees() -> None:
     picture = Picture(env.core, "rgb_array")
     picture.follow(new=True)
     assert "NEES" not in {strip.label for strip in picture.scene().strips}
+
+
+def test_pictures_of_cameras_are_shown() -> None:
+    pytest.importorskip("cv2")
+    camera = [{"kind": "image", "width": 160, "height": 120}, "pi"]
+    env, *_ = _after("RelativePose", 1, estimator="cascade", camera=camera)
+    picture = Picture(env.core, "rgb_array")
+    picture.follow(new=True)
+    scene = picture.scene()
+    taken, none = scene.pictures
+    assert none is None
+    assert taken is not None
+    assert taken.shape == (120, 160, 3)
+    focal = env.config.camera_of(0).focal_length
+    for m in np.flatnonzero(scene.in_view[0]):
+        column, row = (80.0, 60.0) + focal * scene.true_image[0, m]
+        seen = taken[int(row), int(column)].astype(float)
+        # The middle of a target is of its colour, up to the light.
+        cosine = seen @ scene.colours[m] / np.linalg.norm(seen) / np.linalg.norm(scene.colours[m].astype(float))
+        assert cosine > 0.97
+    assert scene.in_view[0].any()
