@@ -149,7 +149,7 @@ class MapAlignmentConfig(EstimatorOptions):
     iterations: Annotated[int, Field(ge=1)] = 30
     """Greatest number of Levenberg-Marquardt steps of an alignment."""
     tolerance: PositiveFloat = 1e-4
-    """[-] an alignment ends where the next step promises to lower its cost J by less."""
+    """[-] an alignment ends where the next step promises to lower its cost C by less."""
 
 
 class InverseDepthConfig(EstimatorOptions):
