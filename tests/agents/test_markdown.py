@@ -8,8 +8,8 @@ from scipy import stats
 from typer.testing import CliRunner
 
 from agents.__main__ import app
-from agents.benchmark import load, of
 from agents.report.markdown import KINDS, markdown
+from agents.results import load, of
 
 pytestmark = pytest.mark.usefixtures("tiny_suites")
 
