@@ -146,12 +146,12 @@ def means(scores: Scores) -> dict[str, float]:
 
 
 def intervals(scores: Scores) -> dict[str, dict[str, float | None]]:
-    """As `means`, with 95 % intervals, as plain data; None for "never"."""
+    """As `means`, with 95 % intervals, as plain data; None for "never". Medians also where a score is infinite."""
     found: dict[str, dict[str, float | None]] = {}
     for name, values in scores.items():
         if not np.isnan(values).all():
             late = name.startswith(LATE)
-            found[name] = plain(median(values) if late else mean(values))
+            found[name] = plain(median(values) if late or np.isinf(values).any() else mean(values))
             if late:
                 found[f"{name}_share"] = plain(mean(np.isfinite(values).astype(np.float64)))
     return found

@@ -49,7 +49,7 @@ def train(config: TrainConfig, out: Path, *, command: str = "") -> Path:
         DivergedError: the weights are no numbers any more; the last checkpoint stays.
     """
     claim(config, out)
-    if (out / SAVED).exists():
+    if (out / SAVED).exists() and Journal(out / EVALUATION).lines()[-1]["steps"] >= config.steps:
         return out / (POLICY if (out / POLICY).exists() else SAVED)
     with Show(config.steps, config.evaluation.score) as show:
         run = Run(config, out, show=show)
@@ -119,6 +119,7 @@ class Run:
         board = _Board(self._out / "tensorboard", self.steps + 1)
         self.model.set_logger(Logger(str(self._out), [board]))
         if self.steps < self.config.steps:
+            (self._out / SAVED).unlink(missing_ok=True)  # what was exported on the way is not the end
             try:
                 self.model.learn(
                     self.config.steps - self.steps, callback=_Pauses(self, self._show), reset_num_timesteps=False
@@ -144,8 +145,7 @@ class Run:
             return
         if not sound(self.model):
             raise self._diverged()
-        if evaluates and steps > self._evaluated:
-            self._evaluate()
+        line = self._evaluate() if evaluates and steps > self._evaluated else None
         self.model.logger.dump(steps)
         self._saved = steps
         seconds = self._seconds + time.monotonic() - self._since
@@ -154,10 +154,11 @@ class Run:
             "saved": self._saved, "seconds": seconds,
         }  # fmt: skip
         checkpoints.write(self._out / CHECKPOINT, state)
-        if evaluates:
-            self._tell(self._line)
+        if line is not None:
+            self._tell(line)
 
-    def _evaluate(self) -> None:
+    def _evaluate(self) -> dict[str, Any]:
+        """Play the validation episodes, keep the policy where it is the best, and write the line."""
         evaluation = self.config.evaluation
         found = means(evaluate(self.config, self._policy(), episodes=evaluation.episodes))
         score = value(found, evaluation.score)
@@ -179,7 +180,7 @@ class Run:
         self._journal.add(line)
         self._evaluated = self.steps
         self._show.evaluated(line)
-        self._line = line
+        return line
 
     def take_best(self) -> None:
         """Make the model's policy the best one."""
