@@ -91,10 +91,10 @@ class Picture:
 
             self._sensors[robot] = Sensor(config, robot)
         sensor = self._sensors[robot]
-        picture = np.zeros((1, sensor.view.height, sensor.view.width, 3), np.uint8)
+        picture: NDArray[np.uint8] = np.zeros((sensor.view.height, sensor.view.width, 3), np.uint8)
         row = np.s_[n : n + 1]
         sensor.take(picture, world.pose[row], world.velocity[row], world.points[row], world.tick[row].astype(np.uint64))
-        return picture[0]
+        return picture
 
     def _draw(self) -> Any:
         if self._renderer is None:

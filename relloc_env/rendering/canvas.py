@@ -100,7 +100,7 @@ class Canvas:
     def picture(self, box: Box, pixels: NDArray[np.uint8]) -> None:
         """Fill a box with a picture (height, width, 3), stretched."""
         left, top, right, bottom = (round(v * _FINE) for v in (box[0], box[1], box[0] + box[2], box[1] + box[3]))
-        taken = self._pygame.image.frombuffer(np.ascontiguousarray(pixels), pixels.shape[1::-1], "RGB")
+        taken = self._pygame.image.frombuffer(pixels.tobytes(), pixels.shape[1::-1], "RGB")
         self._fine.blit(self._pygame.transform.smoothscale(taken, (right - left, bottom - top)), (left, top))
 
     def polygon(self, corners: Float, colour: Colour) -> None:

@@ -69,6 +69,35 @@ def polar_place(point: Float) -> Float:
     return np.array([distance * math.cos(point[0]), distance * math.sin(point[0])])
 
 
+def in_space(point: Float, covariance: Float) -> tuple[Float, Float]:
+    """Place (3,) [m] of a point (beta, eta, rho) from its camera, x ahead and z up; its covariance to first order."""
+    beta, eta, rho = point[0], point[1], max(float(point[2]), 1e-3)
+    reach, cos, sin = 1.0 / rho, math.cos(beta), math.sin(beta)
+    slope = reach * np.array([[-sin, 0.0, -cos * reach], [cos, 0.0, -sin * reach], [0.0, 1.0, -eta * reach]])
+    spread: Float = slope @ covariance @ slope.T
+    return reach * np.array([cos, sin, eta]), spread
+
+
+def axes(covariance: Float) -> tuple[Float, Float]:
+    """Half axes (3,) [m] of the 2 sigma ellipsoid, and the quaternion x, y, z, w that turns x, y, z onto its axes."""
+    finite = np.nan_to_num(0.5 * (covariance + covariance.T), nan=0.0, posinf=1e6, neginf=-1e6)
+    values, turn = np.linalg.eigh(finite)
+    if np.linalg.det(turn) < 0.0:
+        turn[:, 0] *= -1.0
+    # The quaternion of a rotation matrix is the main eigenvector of a symmetric one (I. Bar-Itzhack, JGCD 23(6), 2000).
+    (a, b, c), (d, e, f), (g, h, i) = turn
+    symmetric = np.array(
+        [
+            [a - e - i, d + b, g + c, h - f],
+            [d + b, e - a - i, h + f, c - g],
+            [g + c, h + f, i - a - e, d - b],
+            [h - f, c - g, d - b, a + e + i],
+        ]
+    )
+    half: Float = SIGMAS * np.sqrt(np.clip(values, 0.0, 1e4))
+    return half, np.linalg.eigh(symmetric)[1][:, -1]
+
+
 def polar_image(beta: Float, eta: Float) -> Float:
     """Return (T, 2) normalised image of directions (beta, eta); x = -tan beta, y = -eta / cos beta, in front only."""
     image = np.empty((len(beta), 2))

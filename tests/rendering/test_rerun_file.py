@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from relloc_env.rendering.rerun_file import RerunFile, axes, in_space, recorder
+from relloc_env.rendering.geometry import axes, in_space
+from relloc_env.rendering.rerun_file import RerunFile, recorder
 from tests.rendering.scenes import random_scene
 
 chunk = pytest.importorskip("rerun.chunk")
