@@ -49,8 +49,8 @@ def actions(name: str) -> str:
     config, rows = _config(name), []
     for r in range(config.robots):
         robot, who = config.robot_of(r), f"of robot {'AB'[r]}" if config.robots > 1 else ""
-        rows.append([2 * r, f"forward speed {who}", -1.0, 1.0, f"{robot.max_speed:g} m/s"])
-        rows.append([2 * r + 1, f"yaw rate {who}, to the left", -1.0, 1.0, f"{robot.max_yaw_rate:g} rad/s"])
+        rows.append([2 * r, f"forward speed {who}", "−1", "1", f"{robot.max_speed:g} m/s"])
+        rows.append([2 * r + 1, f"yaw rate {who}, to the left", "−1", "1", f"{robot.max_yaw_rate:g} rad/s"])
     return table(["index", "entry", "min", "max", "1 stands for"], rows)
 
 
@@ -61,15 +61,16 @@ def observation(name: str, kind: str = "") -> str:
     for field in fields(config):
         keys = [field.name] if config.robots == 1 else [f"robot_{end}/{field.name}" for end in "ab"]
         places = [_entries(where[key]) for key in keys]
-        shape = " × ".join(map(str, field.shape))
-        rows.append([f"`{field.name}`", *places, shape, f"{field.low:g}", f"{field.high:g}", field.meaning])
+        shape = "\u00a0×\u00a0".join(map(str, field.shape))
+        rows.append([f"`{field.name}`", *places, shape, f"{field.low:g}".replace("-", "−"), f"{field.high:g}", field.meaning])
     heads = ["entries"] if config.robots == 1 else ["entries of A", "of B"]
     return table(["field", *heads, "shape", "min", "max", "holds"], rows)
 
 
 def _entries(place: slice) -> str:
     first, last = place.start, place.stop - 1
-    return f"{first}" if first == last else f"{first}–{last}"
+    joiner = "\u2060"  # no break at the dash
+    return f"{first}" if first == last else f"{first}{joiner}–{joiner}{last}"
 
 
 def rewards(name: str) -> str:
