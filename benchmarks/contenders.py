@@ -64,6 +64,7 @@ CONTENDERS = {
         ),
         Contender("cascade-critical", ours.critical, _OURS, "everything on, cascade-critical", _BATCH),
         Contender("map-alignment", ours.alignment, _OURS, "everything on, map-alignment", (256,)),
+        Contender("pictures", ours.pictures, _OURS, "pictures of both cameras, 84 x 84, no estimator", (256,)),
         Contender("sb3", ours.stable_baselines, _OURS, "everything on, Stable-Baselines3 VecEnv", _BATCH),
         Contender("mpe2", peers.mpe2, "mpe2", "MPE2 simple spread, PettingZoo Parallel", _ONE, 1),
         Contender("jaxmarl", peers.jaxmarl_spread, "jaxmarl", "JaxMARL MPE simple spread"),

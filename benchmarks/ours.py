@@ -144,6 +144,11 @@ def default_alignment(num_envs: int) -> Drive:
     return Batch({}, num_envs)
 
 
+def pictures(num_envs: int) -> Drive:
+    """Everything on but the estimator; observations are the pictures of both cameras, 84 x 84."""
+    return Batch({**EVERYTHING, "estimator": None, "observation": "image"}, num_envs)
+
+
 def gymnasium_door(num_envs: int) -> Drive:
     """Everything on, through `gym.make`: one environment."""
     assert num_envs == 1

@@ -235,10 +235,27 @@ def ratios(results: Mapping[str, Any]) -> dict[str, dict[str, float]]:
 def tables(results: Mapping[str, Any]) -> list[Table]:
     """Detections, poses and hard cases, for a terminal."""
     found = Table(title="Detections", title_justify="left")
-    for head in ("run", "episodes", "pictures", "false", "median [px]", "95 % [px]", "sd x, y [px]", "found of visible"):
+    for head in (
+        "run",
+        "episodes",
+        "pictures",
+        "false",
+        "median [px]",
+        "95 % [px]",
+        "sd x, y [px]",
+        "found of visible",
+    ):
         found.add_column(head, justify="left" if head == "run" else "right")
     poses = Table(title="Poses at the end", title_justify="left")
-    for head in ("run", "estimator", "position rms [m]", "over analytic", "heading rms [deg]", "NEES, mean", "95 % band"):
+    for head in (
+        "run",
+        "estimator",
+        "position rms [m]",
+        "over analytic",
+        "heading rms [deg]",
+        "NEES, mean",
+        "95 % band",
+    ):
         poses.add_column(head, justify="left" if head in ("run", "estimator") else "right")
     over = ratios(results)
     for name, row in results["runs"].items():
@@ -258,7 +275,5 @@ def tables(results: Mapping[str, Any]) -> list[Table]:
     for head in ("case", "found", "median [px]", "95 % [px]", "something else taken for it"):
         hard.add_column(head, justify="left" if head == "case" else "right")
     for name, t in results["trials"].items():
-        hard.add_row(
-            name, f"{t['found']:.3f}", f"{t['median_px']:.3f}", f"{t['error_95_px']:.3f}", f"{t['false']:.3f}"
-        )
+        hard.add_row(name, f"{t['found']:.3f}", f"{t['median_px']:.3f}", f"{t['error_95_px']:.3f}", f"{t['false']:.3f}")
     return [found, poses, hard]

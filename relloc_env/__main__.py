@@ -14,7 +14,14 @@ app = typer.Typer(
     add_completion=False, no_args_is_help=True, rich_markup_mode=None, pretty_exceptions_enable=False, help=__doc__
 )
 
-EXTRAS = {"cv2": "vision", "matplotlib": "logs", "pygame": "render", "imageio_ffmpeg": "render", "PIL": "render", "rerun": "rerun"}
+EXTRAS = {
+    "cv2": "vision",
+    "matplotlib": "logs",
+    "pygame": "render",
+    "imageio_ffmpeg": "render",
+    "PIL": "render",
+    "rerun": "rerun",
+}
 """The extra of this package that brings each optional one."""
 
 Rerun = Annotated[

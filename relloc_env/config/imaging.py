@@ -13,6 +13,9 @@ PALETTE: tuple[Colour, ...] = (
 )  # fmt: skip
 """Colours of targets in pictures, far apart in hue; they repeat after eight."""
 
+DETECTORS = ("colour", "apriltag")
+"""Those of this package."""
+
 
 class MarkerConfig(Model):
     """What a target looks like in pictures."""
@@ -57,3 +60,10 @@ class ImageConfig(Model):
     detector: str | Callable[..., Any] = "colour"
     """who finds targets: `colour`, `apriltag`, or a factory of the user's own (`relloc_env.vision.protocol`) or its
     place, `module:Name` or `path/to/file.py:Name`."""
+
+    @field_validator("detector")
+    @classmethod
+    def _known(cls, value: str | Callable[..., Any]) -> str | Callable[..., Any]:
+        if isinstance(value, str) and value not in DETECTORS and ":" not in value:
+            raise ValueError(f"must be one of {', '.join(DETECTORS)}, a factory or its place, but is {value!r}")
+        return value

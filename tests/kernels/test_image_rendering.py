@@ -145,7 +145,9 @@ def test_outline_of_a_sphere_is_where_opencv_projects_it(lens) -> None:
         assert abs((red > 0.5).sum() / shape - 1.0) < 0.06
         assert 0.2 < np.median(sample) < 1.0  # on the edge, not inside and not outside
         outer = (pixels - pixels.mean(0)) * (1.0 + 3.0 / np.linalg.norm(pixels - pixels.mean(0), axis=1))[:, None]
-        beyond = cv2.remap(red.astype(np.float32), *np.float32(outer + pixels.mean(0) - 0.5).T[:, None], cv2.INTER_LINEAR)
+        beyond = cv2.remap(
+            red.astype(np.float32), *np.float32(outer + pixels.mean(0) - 0.5).T[:, None], cv2.INTER_LINEAR
+        )
         assert beyond.max() < 0.1
 
 
@@ -163,7 +165,10 @@ def test_lens_is_opencvs() -> None:
 def test_blur_is_the_mean_of_the_moments() -> None:
     """The camera on an exact arc while the shutter is open; the other robot stands still."""
     turning = camera(shutter=0.05)
-    config, still = load_config(None, camera=turning, arena=(9.0, 9.0)), load_config(None, camera=camera(), arena=(9.0, 9.0))
+    config, still = (
+        load_config(None, camera=turning, arena=(9.0, 9.0)),
+        load_config(None, camera=camera(), arena=(9.0, 9.0)),
+    )
     moments = Sensor(config, 0)._room[0].shape[0]
     v, w = 0.3, 0.8
     total = np.zeros((120, 160, 3))
