@@ -40,16 +40,20 @@ def _link(match: re.Match[str]) -> str:
 
 
 def _take_in(app: Sphinx, page: str, source: list[str]) -> None:
-    if page not in PAGES:
-        return
+    if page in PAGES:
+        app.env.note_dependency(str(ROOT / PAGES[page].file))
+        source[0] = text_of(page)
+
+
+def text_of(page: str) -> str:
+    """Text of a page, with links as seen from docs/."""
     part = PAGES[page]
-    app.env.note_dependency(str(ROOT / part.file))
     text = (ROOT / part.file).read_text("utf-8")
     if part.start:
         text = part.start.lstrip("\n").replace("##", "#") + text.split(part.start, 1)[1]
     if part.stop:
         text = text.split(part.stop, 1)[0]
-    source[0] = re.sub(r"\]\(([^)\s]+)\)", _link, text)
+    return re.sub(r"\]\(([^)\s]+)\)", _link, text)
 
 
 def setup(app: Sphinx) -> ExtensionMetadata:

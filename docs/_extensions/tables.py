@@ -62,7 +62,9 @@ def observation(name: str, kind: str = "") -> str:
         keys = [field.name] if config.robots == 1 else [f"robot_{end}/{field.name}" for end in "ab"]
         places = [_entries(where[key]) for key in keys]
         shape = "\u00a0×\u00a0".join(map(str, field.shape))
-        rows.append([f"`{field.name}`", *places, shape, f"{field.low:g}".replace("-", "−"), f"{field.high:g}", field.meaning])
+        rows.append(
+            [f"`{field.name}`", *places, shape, f"{field.low:g}".replace("-", "−"), f"{field.high:g}", field.meaning]
+        )
     heads = ["entries"] if config.robots == 1 else ["entries of A", "of B"]
     return table(["field", *heads, "shape", "min", "max", "holds"], rows)
 

@@ -47,13 +47,24 @@ def _scene(axes: "Axes", points: Float) -> None:
 
 
 def _circle(axes: "Axes", point: Float) -> None:
-    """Other poses of B with the same distance and bearing of the point."""
-    away = B[:2] - point
-    axes.add_patch(Circle((point[0], point[1]), float(np.hypot(*away)), fill=False, color=MUTED, lw=1.0, ls="--"))
-    for turn in np.radians([50.0, 110.0, 175.0]):
-        cos, sin = np.cos(turn), np.sin(turn)
-        x, y = point + np.array([[cos, -sin], [sin, cos]]) @ away
-        heading = B[2] + turn
+    """Where B may be, and a few poses of it."""
+    axes.add_patch(
+        Circle((point[0], point[1]), float(np.hypot(*(B[:2] - point))), fill=False, color=MUTED, lw=1.0, ls="--")
+    )
+    for x, y, heading in alike():
+        nose = np.array([np.cos(heading), np.sin(heading)])
         axes.add_patch(Circle((x, y), 0.22, fill=False, color=ROBOT[1], lw=1.5, zorder=5))
-        nose = x + 0.37 * np.cos(heading), y + 0.37 * np.sin(heading)
-        axes.plot([x + 0.22 * np.cos(heading), nose[0]], [y + 0.22 * np.sin(heading), nose[1]], color=ROBOT[1], lw=1.5)
+        axes.plot(*np.transpose([[x, y] + 0.22 * nose, [x, y] + 0.37 * nose]), color=ROBOT[1], lw=1.5)
+
+
+def alike() -> Float:
+    """Poses that see the first point where B sees it: B's, turned about the point."""
+    turns, away = np.radians([50.0, 110.0, 175.0]), B[:2] - POINTS[0]
+    rotated = [np.array([[np.cos(a), -np.sin(a)], [np.sin(a), np.cos(a)]]) @ away for a in turns]
+    return np.column_stack([POINTS[0] + rotated, B[2] + turns])
+
+
+def seen_from(pose: Float, point: Float) -> Float:
+    """A point in the body frame of a pose, (ahead, left) [m]."""
+    cos, sin = np.cos(pose[2]), np.sin(pose[2])
+    return np.asarray(np.array([[cos, sin], [-sin, cos]]) @ (point - pose[:2]))
