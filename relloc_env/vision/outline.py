@@ -33,7 +33,7 @@ def from_ellipse(centre: Float, area: float) -> tuple[Float, float]:
     for _ in range(20):
         q = area * (1.0 - q) ** 1.5 / (math.pi * math.sqrt(1.0 + square * (1.0 - q) ** 2 - q))
         q = min(q, 0.9)
-    return centre * (1.0 - q), q
+    return centre * (1.0 - q), float(q)
 
 
 def area_of(p: Float, q: float) -> float:
