@@ -61,7 +61,7 @@ clean: ## remove what the tasks made, .venv included
 
 .venv/.demo: pyproject.toml constraints.txt | .venv/bin/python
 	@echo "Setting up .venv (once; a minute or two)"
-	@$(PIP) install -c constraints.txt -e '.[render,logs]'
+	@$(PIP) install -c constraints.txt -e '.[agents,logs]'
 	@touch $@
 
 # torch comes first and alone, so that Linux gets the build without CUDA (a tenth of the size).

@@ -28,7 +28,7 @@ def demo(
         from agents.demo import run
         from relloc_env.logs import LogError
     except ModuleNotFoundError as error:
-        _stop(f"The package `{error.name}` is missing: pip install -e '.[render,logs]'")
+        _stop(f"The package `{error.name}` is missing: pip install -e '.[agents,logs]'")
     try:
         run(out, seed=seed, log=log)
     except (LogError, ValueError, OSError) as error:
@@ -56,7 +56,7 @@ def film(
         from agents.registry import agent, short
         from relloc_env.config import load_config
     except ModuleNotFoundError as error:
-        _stop(f"The package `{error.name}` is missing: pip install -e '.[render,logs]'")
+        _stop(f"The package `{error.name}` is missing: pip install -e '.[agents,logs]'")
     try:
         shown = [motion] if beside is None else [motion, beside]
         called = names(titles) or tuple(map(short, shown))

@@ -29,10 +29,15 @@ from relloc_env.replay import open_logs, replay
 from relloc_env.wrappers import RecordLog
 
 ROOT = Path(__file__).resolve().parents[1]
-MOTIONS = ("stationary", "straight", "back-and-forth", "circle", "sinusoid", "random", "edge-near")
+SCRIPT, POLICY = "edge-two", "learned"
+"""The strongest law without learning, and the policy that ships: what is animated, side by side."""
+MOTIONS = {
+    **{name: name for name in ("stationary", "straight", "back-and-forth", "circle", "sinusoid", "random", SCRIPT)},
+    POLICY: "learned:relative-pose",
+}
+"""Agents that are played, by what they are called."""
 ESTIMATORS = ("map-alignment", "cascade")
 """The best of the project's, and the paper's beside it."""
-ANIMATED = ("straight", "edge-near")
 SIMULATED = "simulated"
 """Name of the log that stands in where none is at hand."""
 FASTER = 2.5
@@ -125,9 +130,9 @@ def run(out: Path, *, seed: int = SEED, log: Path | None = None, console: Consol
             figures.motions(episodes, load_config(), out / "motions.png")
             figures.information(best, out / "information.png")
         with steps.step("Animation"):
-            above, below = (best[name] for name in ANIMATED)
+            above, below = best[SCRIPT], best[POLICY]
             rate = FASTER / (above.time[1] - above.time[0])
-            figures.animation(above.frames, below.frames, ANIMATED, out / "straight-and-edge.mp4", rate)
+            figures.animation(above.frames, below.frames, (SCRIPT, POLICY), out / "script-and-policy.mp4", rate)
         results["replays"] = []
         for found, replayed in zip(logs, replays, strict=True):
             with steps.step(f"Replay of a log: {found.path.name}"):
@@ -146,9 +151,9 @@ def _paper(tell: Tell) -> Episode:
 
 
 def _motion(name: str, estimator: str, seed: int, tell: Tell) -> Episode:
-    drawn = name in ANIMATED and estimator == ESTIMATORS[0]
+    drawn = name in {SCRIPT, POLICY} and estimator == ESTIMATORS[0]
     env = relloc_env.parallel_env(estimator=estimator, render_mode="rgb_array" if drawn else None)
-    episode = rollout(env, make(name, Task.of(env)), seed, frames=drawn, progress=tell)
+    episode = rollout(env, make(MOTIONS[name], Task.of(env)), seed, frames=drawn, progress=tell)
     env.close()
     return episode
 

@@ -113,7 +113,7 @@ FILES = {
     "paper-experiment.png": "the paper's two robots: paths, depths, poses",
     "motions.png": "paths of each motion over the arena, errors with the bound",
     "information.png": "what each motion tells of the pose",
-    "straight-and-edge.mp4": "the world and both cameras, two motions from one start",
+    "script-and-policy.mp4": "the best script and the learned policy from one start",
     "results.json": "everything as data (motions.csv: the scores of the motions)",
 }
 

@@ -129,7 +129,7 @@ def test_demonstration_leaves_its_folder(monkeypatch, tmp_path):
     """Two motions, and a simulated log in place of the recorded ones."""
     monkeypatch.setenv("RELLOC_DATA", str(tmp_path / "none"))
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")]))
-    monkeypatch.setattr(demo, "MOTIONS", ("straight", "edge-near"))
+    monkeypatch.setattr(demo, "MOTIONS", {name: demo.MOTIONS[name] for name in ("edge-two", "learned")})
     out, text = tmp_path / "out", io.StringIO()
     demo.run(out, seed=5, console=Console(file=text, width=100))
     results = json.loads((out / "results.json").read_text("utf-8"))
@@ -137,19 +137,19 @@ def test_demonstration_leaves_its_folder(monkeypatch, tmp_path):
     settled = results["paper_experiment"]["depth_settled_s"]
     assert settled["robot_a"] == pytest.approx(13.0, abs=2.0)
     assert settled["robot_b"] == pytest.approx(25.0, abs=2.0)
-    assert list(results["motions"]) == ["straight", "edge-near"]
+    assert list(results["motions"]) == ["edge-two", "learned"]
     (replayed,) = results["replays"]
     assert "error" not in replayed
     assert (out / replayed["folder"] / "replay.json").exists()
     for name in ("paper-experiment.png", "motions.png", "information.png"):
         assert (out / name).read_bytes().startswith(PNG)
-    assert (out / "straight-and-edge.mp4").read_bytes()[4:8] == b"ftyp"
+    assert (out / "script-and-policy.mp4").read_bytes()[4:8] == b"ftyp"
     with (out / "motions.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     assert [(row["motion"], row["estimator"]) for row in rows] == [
-        (motion, estimator) for motion in ("straight", "edge-near") for estimator in ("map-alignment", "cascade")
+        (motion, estimator) for motion in ("edge-two", "learned") for estimator in ("map-alignment", "cascade")
     ]
-    scores = results["motions"]["edge-near"]["cascade"]
+    scores = results["motions"]["learned"]["cascade"]
     assert float(rows[-1]["information_end_nats"]) == scores["information_end_nats"]
     printed = text.getvalue()
     assert f"Where to look: {out}/" in printed
