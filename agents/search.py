@@ -135,7 +135,8 @@ class Search:
         """Objective (N, S) of actions (N, steps, R, 2) with changes (N, S, knots, R, 2)."""
 
         def choose(k: int) -> Float:
-            return np.clip(base[:, None, k] + np.einsum("k,nskrd->nsrd", self._basis[k], changes), -1.0, 1.0)
+            actions: Float = base[:, None, k] + np.einsum("k,nskrd->nsrd", self._basis[k], changes)
+            return np.clip(actions, -1.0, 1.0, out=actions)
 
         return self._played(choose)
 

@@ -74,7 +74,9 @@ def test_replay_for_rerun(log, tmp_path):
     result = run.invoke(app, words)
     assert result.exit_code == 0, result.output
     truth = read_log(log).truth
-    found, still = {}, {}
+    assert truth is not None
+    found: dict[str, dict[int, Any]] = {}
+    still: dict[str, dict[str, Any]] = {}
     for part in chunk.RrdReader(str(file)).stream():
         columns = part.to_record_batch().to_pydict()
         if part.is_static:

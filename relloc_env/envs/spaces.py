@@ -81,7 +81,7 @@ def robot_form(config: EnvConfig) -> Form:
 
 
 def joint_form(config: EnvConfig) -> Form:
-    """How numbers (..., R, D), or pictures (..., R, 3, H, W), of all robots become the joint observation; leading axes stay."""
+    """How numbers (..., R, D), or pictures (..., R, 3, H, W), of all robots become the joint observation."""
     if config.observation == "flat":
         return _joined
     if config.observation == "image":

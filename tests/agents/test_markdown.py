@@ -59,8 +59,10 @@ def test_estimators_stand_beside_each_other_and_ranks_are_spearmans(folder, monk
     assert text.count("`cascade-critical`") > 3
     found, heads = table(text, "`tiny`, rank correlations")
     part = of(load(folder)[1], suite="tiny", estimator="cascade")
-    medians = [[np.median(r.scores[name]) for r in part] for name in ("depth_error_end", "excitation")]
-    expected = stats.spearmanr(*medians).statistic
+    error, excitation = (
+        np.array([np.median(r.scores[name]) for r in part]) for name in ("depth_error_end", "excitation")
+    )
+    expected = stats.spearmanr(error, excitation).statistic
     value = float(found["cascade"][heads.index("depth_error_end` with `excitation")].replace("−", "-"))
     assert value == pytest.approx(expected, abs=0.006)
 
