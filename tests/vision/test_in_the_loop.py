@@ -157,7 +157,7 @@ def test_what_cannot_be_is_refused() -> None:
         load_config(camera={"preset": "unlimited", "kind": "image"})
     with pytest.raises(ConfigError, match="at least one colour"):
         load_config(marker={"colours": []})
-    with pytest.raises(ConfigError, match=r"Unknown option `camera\.image\.exposur`; did you mean `exposure`"):
+    with pytest.raises(ConfigError, match=r"Unknown option `camera\.0\.image\.exposur`; did you mean `exposure`"):
         load_config(camera={"image": {"exposur": 1.0}})
     with pytest.raises(ConfigError, match="detector"):
         load_config(camera={"image": {"detector": "color"}})
