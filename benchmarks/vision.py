@@ -192,7 +192,8 @@ def run(
         chosen, outcomes = seeds("test", count), []
         for start in range(0, count, BLOCK):
             some = chosen[start : start + BLOCK]
-            outcomes.append(play(config, motion, some, actions, lambda d, w, s=start: part((s + BLOCK * d) / count, w)))
+            tell_part = _within(part, start / count, min(start + BLOCK, count) / count)
+            outcomes.append(play(config, motion, some, actions, tell_part))
             outcome = together(outcomes)
             results["runs"][f"{scenario}, {kind}"] = {
                 "episodes": start + len(some),
@@ -203,6 +204,11 @@ def run(
     results["trials"] = trials(pictures, lambda done, words: tell(0.9 + 0.1 * done, words))
     (out / "vision.json").write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
     return results
+
+
+def _within(tell: Tell, start: float, end: float) -> Tell:
+    """Tells of a part from `start` to `end` of a whole."""
+    return lambda done, words: tell(start + done * (end - start), words)
 
 
 def together(outcomes: Sequence[Outcome]) -> Outcome:

@@ -41,7 +41,8 @@ def distort(x, y, lens):
 
 @kernel
 def render(
-    out, places, steps, rays, column_of, columns, intrinsics, lens, poses, velocities, robot, shutter, mounts, half_x, half_y,
+    out, places, steps, rays, column_of, columns, intrinsics, lens, poses, velocities, robot, shutter, mounts,
+    half_x, half_y,
     sizes, paints_of_robots, obstacles, paints, points, target_size, colours, cells, gains, sd, normals, seeds,
     layers, counts, targets, order, line, total, shine,
 ):  # fmt: skip

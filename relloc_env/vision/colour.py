@@ -107,7 +107,7 @@ class ColourDetector:
         return blobs
 
     def _measure(self, picture: Picture, blob: Blob) -> tuple[Float, float] | None:
-        """Where the centre of the sphere behind a patch is projected [-] (2,), and its size [px]; None if it is none."""
+        """Where the centre of the sphere behind a patch is projected [-] (2,), and its size [px]; None for none."""
         x, y, w, h = blob.box
         width, height = self._view.width, self._view.height
         left, top = max(x - MARGIN, 0), max(y - MARGIN, 0)

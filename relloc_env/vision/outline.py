@@ -98,7 +98,7 @@ def _inside(rays: Float, p: Float, q: float) -> tuple[Float, Float]:
 
 
 def _cone(rays: Float, depth: Float, close: float) -> tuple[Float, float] | None:
-    """p and q of the sphere that most of the points (E, 2) are as deep inside of as they should be.
+    """Return p and q of the sphere that most of the points (E, 2) are as deep inside of as they should be.
 
     Directions to the outline are as far from the direction to the centre: three of them tell a plane, normal to it.
     """

@@ -55,12 +55,14 @@ class Sensor:
         obstacles = pack_obstacles(config.obstacles)
         half = (math.inf, math.inf) if config.arena is None else (0.5 * config.arena[0], 0.5 * config.arena[1])
         self._optics = (
-            _ground(rays, camera.mount_height, 1.0 / float(view.intrinsics[1])), np.rint((rays[..., 0] - first) * f_x).astype(np.int32),
+            _ground(rays, camera.mount_height, 1.0 / float(view.intrinsics[1])),
+            np.rint((rays[..., 0] - first) * f_x).astype(np.int32),
             np.array([first, 1.0 / f_x]), view.intrinsics, view.lens,
         )  # fmt: skip
         self._world = (
             robot, image.shutter, np.array([config.camera_of(r).mount_height for r in range(config.robots)]), *half,
-            np.array([[one.radius, one.height] for one in robots]), np.array([ROBOTS[r % 2] for r in range(len(robots))]),
+            np.array([[one.radius, one.height] for one in robots]),
+            np.array([ROBOTS[r % 2] for r in range(len(robots))]),
             obstacles, np.array([one.colour for one in config.obstacles], np.float64).reshape(-1, 3),
         )  # fmt: skip
         tags = marker.kind == "tag"

@@ -11,7 +11,7 @@ from relloc_env.samples import Bool, Float
 LOST = 20
 """Samples after which a target that is not found is searched for anew."""
 GATE, GROWTH = 0.03, 0.02
-"""[-] how far from its prediction a target is taken for itself, and by how much more for each sample since its sight."""
+"""[-] how far from its prediction a target is taken for itself, and by how much more for each sample since."""
 NEVER = -1
 
 

@@ -219,7 +219,7 @@ def test_another_size_shows_the_same_view() -> None:
 def test_what_is_behind_or_around_the_camera_is_not_drawn() -> None:
     config = load_config(None, camera=camera(), robots=1, targets=3)
     here = POSES[0]
-    behind = here + [-2.0 * math.cos(here[2]), -2.0 * math.sin(here[2]), 0.0]
+    behind = here - np.array([2.0 * math.cos(here[2]), 2.0 * math.sin(here[2]), 0.0])
     points = [[behind[0], behind[1], 0.5], [here[0], here[1], 0.3], [here[0] + 0.05, here[1], 0.3]]
     away = [[100.0 + k, 100.0, 0.5] for k in range(3)]
     assert np.array_equal(take(config, [here], points), take(config, [here], away))

@@ -14,6 +14,8 @@ from relloc_env.vision.sensor import Sensor
 
 LENS = (-0.25, 0.06, 0.001, -0.001, 0.0)
 TAG = {"marker": {"kind": "tag"}}
+PARTS = np.array([[-0.36, -0.12, 0.12, 0.36], [0.1, -0.1, 0.1, -0.1]])
+"""Normalised image coordinates, far apart."""
 
 
 def world(image: Any = None, **options: Any):
@@ -63,7 +65,7 @@ def test_targets_are_found_where_opencv_projects_them(image, options, limit) -> 
     config, worst = world(image, targets=4, **options), []
     for k in range(20):
         depth = rng.uniform(1.6 if config.marker.kind == "sphere" else 3.5, 6.0, 4)
-        x, y = rng.uniform(-0.03, 0.03, (2, 4)) + [[-0.36, -0.12, 0.12, 0.36], [0.1, -0.1, 0.1, -0.1]]
+        x, y = PARTS + rng.uniform(-0.03, 0.03, (2, 4))
         found, truth = look(config, np.column_stack([depth, -x * depth, 0.3 - y * depth]), k)
         assert found.pixels.shape == (4, 2)
         worst.append(errors(found, truth).max())
@@ -156,7 +158,7 @@ def test_a_detector_of_ones_own_by_object_and_by_place(tmp_path) -> None:
         assert type(made).__name__ == "Blind"
         assert made.view.width == 640
     with pytest.raises(TypeError, match="`detector` must make something with `detect`, but it makes int"):
-        make_detector(world({"detector": lambda view: 3}), 0)
+        make_detector(world({"detector": lambda _: 3}), 0)
     with pytest.raises(ValueError, match="`detector` must lead to a class or function"):
         make_detector(world({"detector": "no.such:Thing"}), 0)
 

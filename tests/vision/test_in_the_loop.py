@@ -11,7 +11,6 @@ from relloc_env.config import ConfigError, load_config
 from relloc_env.envs.centralised import RellocEnv
 from relloc_env.envs.vector import RellocVectorEnv
 from relloc_env.estimators import names
-from relloc_env.kernels.streams import IMAGE
 from relloc_env.wrappers import EstimateObservation, RecordLog
 
 SMALL = {"kind": "image", "width": 320, "height": 240, "field_of_view": 62.2}
@@ -104,7 +103,8 @@ def test_a_robot_with_pictures_beside_one_without() -> None:
         both = np.where(samples.seen[0, -1], np.abs(samples.image[0, -1] - truth(env.core)).max(-1), np.nan)
         miss.append(np.nanmax(both, axis=1))
     a, b = env.config.camera_of(0).focal_length * np.nanmedian(miss, axis=0)
-    assert a < 0.3 < 1.0 < b
+    assert a < 0.3
+    assert b > 1.0
 
 
 def test_pictures_are_taken_at_the_frame_rate_alone() -> None:
@@ -112,11 +112,9 @@ def test_pictures_are_taken_at_the_frame_rate_alone() -> None:
     env.reset(seed=3)
     seen = [bool(env.core.simulation.first.seen.any())]
     for _ in range(12):
-        before = env.core.simulation.world.streams[0, IMAGE].copy()
         env.step(0.2 * ACTION)
         seen.append(bool(env.core.simulation.samples.seen.any()))
         assert seen[-1] or not env.core.simulation.samples.image.any()
-        del before
     assert seen == [k % 4 == 0 for k in range(13)]
 
 
@@ -159,7 +157,7 @@ def test_what_cannot_be_is_refused() -> None:
         load_config(camera={"preset": "unlimited", "kind": "image"})
     with pytest.raises(ConfigError, match="at least one colour"):
         load_config(marker={"colours": []})
-    with pytest.raises(ConfigError, match="Unknown option `camera.image.exposur`; did you mean `exposure`"):
+    with pytest.raises(ConfigError, match=r"Unknown option `camera\.0\.image\.exposur`; did you mean `exposure`"):
         load_config(camera={"image": {"exposur": 1.0}})
     with pytest.raises(ConfigError, match="detector"):
         load_config(camera={"image": {"detector": "color"}})
