@@ -200,7 +200,7 @@ class Run:
             normaliser.save(str(out / "normalisation.pkl"))
         self._film()
         about = export.card(
-            self.config, self.model, command=command, steps=self.best["steps"], seconds=round(self._seconds),
+            self.config, self.model, command=command, steps=self.best["steps"], seconds=round(self._seconds + time.monotonic() - self._since),
             validation_score=self.best["score"], metrics=self._metrics(),
         )  # fmt: skip
         try:
