@@ -95,7 +95,8 @@ def _ray(config: EnvConfig, pose: Float, point: Float) -> Float:
     """Normalised image coordinates of a point."""
     d, (cos, sin) = point[:2] - pose[:2], (math.cos(pose[2]), math.sin(pose[2]))
     ahead = cos * d[0] + sin * d[1]
-    return np.array([sin * d[0] - cos * d[1], config.camera_of(0).mount_height - point[2]]) / ahead
+    found: Float = np.array([sin * d[0] - cos * d[1], config.camera_of(0).mount_height - point[2]]) / ahead
+    return found
 
 
 def _scene(scene: str, options: Mapping[str, Any], rng: np.random.Generator) -> tuple[EnvConfig, Float, Float]:

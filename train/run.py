@@ -199,8 +199,9 @@ class Run:
         if normaliser is not None:
             normaliser.save(str(out / "normalisation.pkl"))
         self._film()
+        seconds = self._seconds + time.monotonic() - self._since
         about = export.card(
-            self.config, self.model, command=command, steps=self.best["steps"], seconds=round(self._seconds + time.monotonic() - self._since),
+            self.config, self.model, command=command, steps=self.best["steps"], seconds=round(seconds),
             validation_score=self.best["score"], metrics=self._metrics(),
         )  # fmt: skip
         try:

@@ -196,7 +196,7 @@ def _sphere(line, rays, column_of, layers, counts, target, paint, half, view):
     """Blend a row of a sphere into `line`; `target` as of `_place`."""
     X, Y, Z, radius, cos, sin = target[0], target[1], target[2], target[3], view[3], view[4]
     k = X * X + Y * Y + Z * Z - radius * radius
-    for j in range(max(np.int64(target[6]), 0), min(np.int64(target[7]) + 1, column_of.shape[0])):
+    for j in range(np.int64(max(target[6], 0.0)), np.int64(min(target[7] + 1.0, column_of.shape[0]))):
         x, y = float(rays[0, j]), float(rays[1, j])
         dot, square = x * X + y * Y + Z, x * x + y * y + 1.0
         inside = dot * dot - square * k  # 0 on the outline; the gradient makes it a distance
@@ -219,7 +219,7 @@ def _tag(line, rays, column_of, layers, counts, target, cells, half):
     X, Y, Z, reach = target[0], target[1], target[2], target[3]
     distance, count = math.sqrt(X * X + Z * Z), cells.shape[0]
     right_x, right_z = Z / distance, -X / distance
-    for j in range(max(np.int64(target[6]), 0), min(np.int64(target[7]) + 1, column_of.shape[0])):
+    for j in range(np.int64(max(target[6], 0.0)), np.int64(min(target[7] + 1.0, column_of.shape[0]))):
         x, y = float(rays[0, j]), float(rays[1, j])
         total, hits = 0.0, 0
         for a in range(4):

@@ -38,7 +38,7 @@ def from_ellipse(centre: Float, area: float) -> tuple[Float, float]:
 
 def area_of(p: Float, q: float) -> float:
     """Area of the ellipse."""
-    return math.pi * q * math.sqrt(1.0 + float(p @ p) - q) / (1.0 - q) ** 1.5
+    return float(math.pi * q * math.sqrt(1.0 + float(p @ p) - q) / (1.0 - q) ** 1.5)
 
 
 def moments(p: Float, q: float) -> Float:

@@ -44,17 +44,14 @@ class TagDetector:
     def detect(self, picture: Picture) -> Detections:
         """Find tags in a picture, uint8 (H, W, 3) RGB."""
         corners, ids, _ = self._detector.detectMarkers(cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY))
-        found = (
-            []
-            if ids is None
-            else [(m, c) for m, c in zip(ids.ravel().tolist(), corners, strict=True) if m < self._view.targets]
-        )
+        numbers = [] if ids is None else [int(m) for m in ids.ravel()]
+        found = [(m, c) for m, c in zip(numbers, corners, strict=True) if m < self._view.targets]
         shapes = [np.asarray(c, np.float64).reshape(4, 2) + 0.5 for _, c in found]  # a pixel's centre is at 0.5 here
         fits = np.zeros((len(found), self._view.targets), np.bool_)
         for d, (m, _) in enumerate(found):
             fits[d, m] = True
         pixels = np.array([_crossing(shape) for shape in shapes]).reshape(-1, 2)
-        return Detections(pixels, fits, np.array([cv2.contourArea(np.float32(shape)) for shape in shapes]))
+        return Detections(pixels, fits, np.array([cv2.contourArea(shape.astype(np.float32)) for shape in shapes]))
 
 
 def _crossing(corners: Float) -> Float:

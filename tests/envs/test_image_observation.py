@@ -1,5 +1,7 @@
 """Pictures as observations: checkers of the interfaces, the same through every door, SB3's convolutional policy."""
 
+from typing import Any
+
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -15,7 +17,7 @@ from relloc_env.envs.centralised import RellocEnv
 from relloc_env.envs.sb3 import RellocVecEnv
 from relloc_env.envs.vector import RellocVectorEnv
 
-OPTIONS = {"observation": "image", "estimator": "cascade", "max_cycles": 4}
+OPTIONS: dict[str, Any] = {"observation": "image", "estimator": "cascade", "max_cycles": 4}
 ACTION = np.array([0.5, 0.15, 0.4, -0.2], np.float32)
 
 

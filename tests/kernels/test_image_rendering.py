@@ -6,6 +6,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from relloc_env.config import load_config
 from relloc_env.kernels.image_columns import WALL_HEIGHT
@@ -117,6 +118,12 @@ def test_shows_what_a_ray_caster_shows() -> None:
     assert robot.max() < 125  # darker than all that is around
 
 
+def _sampled(levels: NDArray[np.float64], pixels: NDArray[Any]) -> Any:
+    """Levels at places of an image [px]; the centre of the first pixel is at 0.5."""
+    x, y = (pixels - 0.5).astype(np.float32).T
+    return cv2.remap(levels.astype(np.float32), x[None], y[None], cv2.INTER_LINEAR)
+
+
 @pytest.mark.parametrize("lens", [(0.0,) * 5, (-0.25, 0.06, 0.002, -0.001, 0.0)])
 def test_outline_of_a_sphere_is_where_opencv_projects_it(lens) -> None:
     """48 spheres. The outline: points of the sphere where its surface is seen edge on."""
@@ -138,16 +145,14 @@ def test_outline_of_a_sphere_is_where_opencv_projects_it(lens) -> None:
         matrix = np.array([[f_x, 0.0, c_x], [0.0, f_y, c_y], [0.0, 0.0, 1.0]])
         pixels = cv2.projectPoints(rim, np.zeros(3), np.zeros(3), matrix, np.array(lens))[0][:, 0]
         red = np.clip((picture[..., 0] - picture[..., 1]) / 60.0, 0.0, 1.0)  # 1 in the sphere, 0 on the grey around
-        sample = cv2.remap(red.astype(np.float32), *(np.float32(pixels - 0.5)).T[:, None], cv2.INTER_LINEAR)
-        shape = cv2.contourArea(np.float32(pixels))
-        inside = cv2.pointPolygonTest(np.float32(pixels), tuple(pixels.mean(0)), measureDist=False) > 0
+        sample = _sampled(red, pixels)
+        shape = cv2.contourArea(pixels.astype(np.float32))
+        inside = cv2.pointPolygonTest(pixels.astype(np.float32), pixels.mean(0).tolist(), measureDist=False) > 0
         assert inside
         assert abs((red > 0.5).sum() / shape - 1.0) < 0.06
         assert 0.2 < np.median(sample) < 1.0  # on the edge, not inside and not outside
         outer = (pixels - pixels.mean(0)) * (1.0 + 3.0 / np.linalg.norm(pixels - pixels.mean(0), axis=1))[:, None]
-        beyond = cv2.remap(
-            red.astype(np.float32), *np.float32(outer + pixels.mean(0) - 0.5).T[:, None], cv2.INTER_LINEAR
-        )
+        beyond = _sampled(red, outer + pixels.mean(0))
         assert beyond.max() < 0.1
 
 

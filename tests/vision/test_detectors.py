@@ -156,7 +156,7 @@ def test_a_detector_of_ones_own_by_object_and_by_place(tmp_path) -> None:
     for detector in (Blind, f"{__file__}:Blind"):
         made = make_detector(world({"detector": detector}), 0)
         assert type(made).__name__ == "Blind"
-        assert made.view.width == 640
+        assert vars(made)["view"].width == 640
     with pytest.raises(TypeError, match="`detector` must make something with `detect`, but it makes int"):
         make_detector(world({"detector": lambda _: 3}), 0)
     with pytest.raises(ValueError, match="`detector` must lead to a class or function"):

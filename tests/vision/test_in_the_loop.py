@@ -1,6 +1,7 @@
 """Cameras that take pictures inside environments: through every door, for every estimator."""
 
 import copy
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -55,20 +56,20 @@ def test_every_estimator_lives_on_pictures(estimator) -> None:
     for _ in range(6):
         observation, reward, *_, info = env.step(ACTION)
         assert env.observation_space.contains(observation)
-        assert np.isfinite(reward)
+        assert np.isfinite(float(reward))
     if estimator == "map-alignment":
         assert info["errors"]["pose"][0, 0] < 0.3  # from 2 m
 
 
 def test_alone_in_a_batch_and_on_two_threads_the_same_bits() -> None:
     """70 environments, of which two are run alone as well."""
-    options = {"camera": {**SMALL, "width": 64, "height": 48, "field_of_view": 62.2}, "max_cycles": 3}
+    options: dict[str, Any] = {"camera": {**SMALL, "width": 64, "height": 48, "field_of_view": 62.2}, "max_cycles": 3}
     batches = [RellocVectorEnv(70, threads=threads, **options) for threads in (1, 2)]
     shown = [[envs.reset(seed=7)[0]] for envs in batches]
     for _ in range(5):  # past the end of an episode
         for envs, kept in zip(batches, shown, strict=True):
             kept.append(envs.step(np.tile(ACTION, (70, 1)))[0])
-    assert np.array_equal(*shown)
+    assert np.array_equal(shown[0], shown[1])
     for n in (0, 69):
         env = RellocEnv(**options)
         assert np.array_equal(env.reset(seed=7 + n)[0], shown[0][0][n])

@@ -5,6 +5,7 @@ import math
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
+from relloc_env.samples import Float
 from relloc_env.vision.tracking import LOST, assign, empty_tracks, predict
 
 
@@ -48,8 +49,10 @@ def test_the_nearest_are_paired_as_scipy_pairs_them() -> None:
     for _ in range(200):
         grid = rng.permutation(16)[:4]
         rays = 0.08 * np.column_stack([grid % 4, grid // 4]) - 0.1
-        found = (rays + rng.uniform(-0.012, 0.012, rays.shape))[rng.permutation(4)]
-        chosen = assign(rays, np.zeros(4, np.int64), found, np.ones((4, 4), np.bool_), np.ones(4))
+        found: Float = (rays + rng.uniform(-0.012, 0.012, rays.shape))[rng.permutation(4)]
+        chosen = assign(
+            np.asarray(rays, np.float64), np.zeros(4, np.int64), found, np.ones((4, 4), np.bool_), np.ones(4)
+        )
         cost = np.linalg.norm(found[:, None] - rays, axis=-1)
         detections, targets = linear_sum_assignment(cost)
         assert chosen[targets].tolist() == detections.tolist()
