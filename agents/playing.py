@@ -29,7 +29,7 @@ SCORES: Mapping[str, str] = {
     "information_mean": "J, mean over time [nats]",
     "information_end": "J at the end [nats]",
     "time_bound_depth": "bound of every depth first below 5 % [s]",
-    "time_bound_pose": "bound of the pose first below 0.05 m along each of A's axes and 1.5° [s]",
+    "time_bound_pose": "bound of the pose first below 0.05 m along A's axes and 1.5°; alone, of every range [s]",
     "time_depth": "errors of every depth below 5 % from then on [s]",
     "time_pose": "errors of the pose below 0.05 m and 1.5° from then on [s]",
     "depth_error_end": "RMS depth error at the end, share of the range [-]",
@@ -202,7 +202,10 @@ class _Record:
                 "nees": nees(error, estimate.pose_covariance[:, 0]),
             }
         else:
-            scores["position_bound_end"] = over["position_bound"][:, -1]
+            scores |= {
+                "time_bound_pose": first_crossing(time, over["position_bound"], POSE[0]),
+                "position_bound_end": over["position_bound"][:, -1],
+            }
         return {name: np.asarray(scores.get(name, none), np.float64) for name in SCORES}
 
 

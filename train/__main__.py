@@ -134,6 +134,25 @@ def evaluate(
     typer.echo(f"Page: {page}; every figure of its tables: {page.with_name('summary.json')}")
 
 
+@app.command()
+def curves(
+    runs: Annotated[list[Path], typer.Argument(help="Folders of runs.", metavar="RUN...")],
+    out: Annotated[Path, typer.Option(help="Picture to write: .svg, .png or .pdf.")] = Path("out/curves.svg"),
+) -> None:
+    """Draw the learning curves of runs, and print a table of their policies' scores on test seeds as Markdown."""
+    try:
+        from train.curves import curves as draw
+        from train.curves import table
+    except ModuleNotFoundError as error:
+        _missing(error)
+    try:
+        draw(runs, out)
+        typer.echo(table(runs))
+    except (ValueError, OSError) as error:
+        _stop(str(error))
+    typer.echo(f"Curves: {out}")
+
+
 def _command() -> str:
     """The command that was given, for the card."""
     return " ".join(["python -m train", *sys.argv[1:]])
