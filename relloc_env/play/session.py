@@ -42,7 +42,7 @@ class Session:
         logs: str | Path | None = None,
         **options: Any,
     ) -> None:
-        mine: dict[str, Any] = {"samples_per_action": 1, "max_cycles": 10**9, "bound": True}
+        mine: dict[str, Any] = {"action": "motion", "samples_per_action": 1, "max_cycles": 10**9, "bound": True}
         self.config = load_config(config, **{**options, **mine})
         self.seed, self._logs = seed, None if logs is None else Path(logs)
         self.written: list[Path] = []
@@ -104,14 +104,14 @@ class Session:
 
     @property
     def gains(self) -> Float | None:
-        """(R, 2) gains H [1/s] and alpha Lambda [1/m²] of the cascade, a live array; None for other estimators."""
+        """(R, M, 2) gains H [1/s] and alpha Lambda [1/m²] of the cascade, a live array; None for other estimators."""
         config = self.core.config.estimator
         return self.core.onboard.estimator.gains[0] if isinstance(config, CascadeConfig) else None  # type: ignore[union-attr]
 
     def scale_gain(self, which: int, factor: float) -> None:
-        """Multiply a gain of both robots from now on: 0 is H, 1 alpha Lambda. Others than the cascade have none."""
+        """Multiply a gain of all observers from now on: 0 is H, 1 alpha Lambda. Others than the cascade have none."""
         if self.gains is not None:
-            self.gains[:, which] = np.clip(factor * self.gains[:, which], 1e-2, 1e5)
+            self.gains[..., which] = np.clip(factor * self.gains[..., which], 1e-2, 1e5)
 
     def scene(self) -> "Scene":
         """What there is to see."""

@@ -114,7 +114,7 @@ class Window:
     def _notes(self) -> list[tuple[str, str]]:
         session = self._session
         gains = session.gains
-        words = "no gains to turn" if gains is None else f"H {gains[0, 0]:.3g} 1/s, αΛ {gains[0, 1]:.3g} 1/m²"
+        words = "no gains to turn" if gains is None else "H {:.3g} 1/s, αΛ {:.3g} 1/m²".format(*gains[0, 0])
         notes = [(session.estimator, words), (f"seed {session.seed}", "paused" if self.paused else "")]
         return [*notes, *(HELP if self.helping else (("H", "help"),))]
 

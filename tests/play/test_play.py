@@ -94,10 +94,10 @@ def test_another_estimator_watches_the_same_drive(window: Window) -> None:
 def test_gains_turn_while_driving(window: Window) -> None:
     session = window._session
     assert session.gains is not None
-    h, alpha = session.gains[0]
+    h, alpha = session.gains[0, 0]
     press(pygame.K_RIGHTBRACKET, pygame.K_RIGHTBRACKET, pygame.K_MINUS)
     ticks(window, 1)
-    assert session.gains == pytest.approx(np.tile([h * 1.25**2, alpha / 1.25], (2, 1)))
+    assert session.gains == pytest.approx(np.tile([h * 1.25**2, alpha / 1.25], (2, 2, 1)))
     words = dict(window._notes())["cascade"]
     assert words == "H 3.91 1/s, αΛ 96 1/m²"
 
