@@ -1,0 +1,104 @@
+"""Learning curves of runs, and a table of what their policies are worth: for the eye, and for a page."""
+
+import json
+from collections.abc import Sequence
+from itertools import groupby
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.figure import Figure
+
+from train.config import TrainConfig, load
+from train.folder import CONFIG, EVALUATION
+
+COLOUR, MUTED = "#0072B2", "#70757a"
+FIRST = 0.1
+"""Part of all evaluations that may be below the picture: before anything is learned, scores are far off."""
+ROWS = {
+    "information_end": ("J at the end [nats]", 1.0),
+    "information_10s": ("J after 10 s", 1.0),
+    "information_mean": ("J, mean", 1.0),
+}
+
+
+def curves(runs: Sequence[Path], out: Path) -> None:
+    """Draw the score of each run over its steps, runs of one configuration in one panel; the median is thick.
+
+    Args:
+        runs: folders.
+        out: picture to write, in any format that matplotlib has.
+
+    Raises:
+        ValueError: a folder without evaluations.
+    """
+    found = sorted(((load(run / CONFIG), _read(run)) for run in runs), key=lambda each: each[0].name)
+    panels = [(name, list(group)) for name, group in groupby(found, key=lambda each: each[0].name)]
+    with mpl.rc_context(
+        {"font.size": 9.5, "svg.hashsalt": "relloc_env", "axes.spines.top": False, "axes.spines.right": False}
+    ):
+        columns = min(len(panels), 3)
+        rows = -(-len(panels) // columns)
+        figure = Figure(figsize=(3.4 * columns, 2.7 * rows), layout="constrained")
+        axes = figure.subplots(rows, columns, squeeze=False).ravel()
+        for axis in axes[len(panels) :]:
+            axis.set_visible(False)
+        for axis, (name, group) in zip(axes, panels, strict=False):
+            _panel(axis, name, group)
+        out.parent.mkdir(parents=True, exist_ok=True)
+        figure.savefig(out, metadata={"Date": None} if out.suffix == ".svg" else None)
+
+
+def _panel(axis: Any, name: str, group: Sequence[tuple[TrainConfig, list[dict[str, Any]]]]) -> None:
+    """The runs of one configuration."""
+    steps = [np.array([line["steps"] for line in lines]) / 1e6 for _, lines in group]
+    scores = [np.array([line["score"] for line in lines]) for _, lines in group]
+    for x, y in zip(steps, scores, strict=True):
+        axis.plot(x, y, color=COLOUR, lw=0.8, alpha=0.6)
+    length = min(map(len, scores))
+    together = np.stack([y[:length] for y in scores])
+    axis.fill_between(steps[0][:length], together.min(0), together.max(0), color=COLOUR, alpha=0.15, lw=0.0)
+    axis.plot(steps[0][:length], np.median(together, axis=0), color=COLOUR, lw=2.0)
+    last = group[0][1][-1]
+    if last["script"]:
+        axis.axhline(last["script_score"], color=MUTED, ls="--", lw=1.0)
+        axis.annotate(last["script"], (0.99, last["script_score"]), xycoords=("axes fraction", "data"), ha="right",
+                      va="bottom", color=MUTED)  # fmt: skip
+    everything = np.concatenate([*scores, [last["script_score"]]] if last["script"] else scores)
+    low, high = np.quantile(everything, FIRST), everything.max()
+    axis.set(title=name, xlabel="steps [millions]", ylabel=group[0][0].evaluation.score.replace("_", " "))
+    axis.set_ylim(low - 0.05 * (high - low), high + 0.1 * (high - low))
+    axis.grid(color="#e4e6e5")
+
+
+def table(runs: Sequence[Path]) -> str:
+    """Markdown: each run's policy on its test episodes, and paired differences to the best script, with intervals."""
+    heads = [
+        "run",
+        *(head for head, _ in ROWS.values()),
+        "over",
+        *(f"{head}, over it" for head, _ in ROWS.values()),
+    ]
+    lines = [heads, ["---"] * len(heads)]
+    for run in runs:
+        card = json.loads((run / "policy.json").read_text("utf-8"))
+        metrics = card["metrics"]
+        cells = [f"`{run.name}`"]
+        cells += [_interval(metrics["scores"][name]) for name in ROWS]
+        cells += [f"`{metrics['script']}`", *(_interval(metrics["over_script"][name]) for name in ROWS)]
+        lines.append(cells)
+    return "".join(f"| {' | '.join(line)} |\n" for line in lines)
+
+
+def _interval(value: dict[str, float]) -> str:
+    return f"{value['value']:.2f} [{value['low']:.2f}, {value['high']:.2f}]"
+
+
+def _read(run: Path) -> list[dict[str, Any]]:
+    """The evaluations of a run."""
+    path = run / EVALUATION
+    lines = [json.loads(line) for line in path.read_text("utf-8").splitlines()] if path.exists() else []
+    if not lines:
+        raise ValueError(f"Argument `runs` must be folders of runs that were evaluated, but {run} is none")
+    return lines
