@@ -281,5 +281,6 @@ def tables(results: Mapping[str, Any]) -> list[Table]:
     for head in ("case", "found", "median [px]", "95 % [px]", "something else taken for it"):
         hard.add_column(head, justify="left" if head == "case" else "right")
     for name, t in results["trials"].items():
-        hard.add_row(name, f"{t['found']:.3f}", f"{t['median_px']:.3f}", f"{t['error_95_px']:.3f}", f"{t['false']:.3f}")
+        pixels = ("–" if t[key] is None else f"{t[key]:.3f}" for key in ("median_px", "error_95_px"))
+        hard.add_row(name, f"{t['found']:.3f}", *pixels, f"{t['false']:.3f}")
     return [found, poses, hard]

@@ -82,7 +82,7 @@ def _trial(scene: str, options: Mapping[str, Any], pictures: int) -> dict[str, f
                 errors.append(error)
             else:
                 false += 1
-    quantile = np.quantile(errors, (0.5, 0.95)).tolist() if errors else [math.nan, math.nan]
+    quantile = np.quantile(errors, (0.5, 0.95)).tolist() if errors else [None, None]
     return {
         "found": len(errors) / pictures,
         "median_px": quantile[0],

@@ -29,7 +29,7 @@ def reference(samples: Samples, config: CascadeConfig) -> tuple[Float, Float]:
     settings, gains, first = estimator._settings, estimator.gains[0], prior(1)
     observers = [
         Observers(
-            len(POINTS), depth_state.Settings(*settings[i]), h=gains[i, 0], alpha_lambda=gains[i, 1],
+            len(POINTS), depth_state.Settings(*settings[i]), h=gains[i, :, 0], alpha_lambda=gains[i, :, 1],
             depth=first.depth[0, i], depth_sd=first.depth_sd,
         )
         for i in range(2)
