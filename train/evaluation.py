@@ -168,7 +168,12 @@ def differences(scores: Scores, others: Scores) -> dict[str, dict[str, float | N
 
 def plain(interval: Interval) -> dict[str, float | None]:
     """An interval as JSON has it."""
-    return {name: value if math.isfinite(value) else None for name, value in interval._asdict().items()}
+    return {name: finite(value) for name, value in interval._asdict().items()}
+
+
+def finite(value: Any) -> Any:
+    """A value as JSON has it: None for a number that is not finite."""
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 class Journal:
@@ -193,7 +198,7 @@ class Journal:
 
     def add(self, line: Mapping[str, Any]) -> None:
         """Write one more."""
-        text = {name: None if isinstance(v, float) and not math.isfinite(v) else v for name, v in line.items()}
+        text = {name: finite(each) for name, each in line.items()}
         with self._path.open("a", encoding="utf-8") as file:
             file.write(json.dumps(text) + "\n")
             file.flush()

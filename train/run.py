@@ -18,7 +18,18 @@ from relloc_env.config import ConfigError
 from relloc_env.scenarios import SEEDS
 from train import checkpoints, export
 from train.config import TrainConfig
-from train.evaluation import Journal, compare, differences, evaluate, intervals, means, play_script, policy_of, value
+from train.evaluation import (
+    Journal,
+    compare,
+    differences,
+    evaluate,
+    finite,
+    intervals,
+    means,
+    play_script,
+    policy_of,
+    value,
+)
 from train.folder import CHECKPOINT, EVALUATION, POLICY, SAVED, SCRIPTS, claim
 from train.models import build, sound
 from train.progress import Show
@@ -162,7 +173,7 @@ class Run:
         evaluation = self.config.evaluation
         found = means(evaluate(self.config, self._policy(), episodes=evaluation.episodes))
         score = value(found, evaluation.score)
-        if score > self.best["score"]:
+        if "policy" not in self.best or score > self.best["score"]:  # a time of what never happens is -inf
             normaliser = self.model.get_vec_normalize_env()
             statistics = deepcopy(normaliser.obs_rms) if normaliser is not None else None
             policy = {name: value.clone() for name, value in self.model.policy.state_dict().items()}
@@ -202,7 +213,7 @@ class Run:
         seconds = self._seconds + time.monotonic() - self._since
         about = export.card(
             self.config, self.model, command=command, steps=self.best["steps"], seconds=round(seconds),
-            validation_score=self.best["score"], metrics=self._metrics(),
+            validation_score=finite(self.best["score"]), metrics=self._metrics(),
         )  # fmt: skip
         try:
             export.save(self.model, about, out / POLICY)

@@ -22,12 +22,13 @@ from stable_baselines3 import PPO
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 from typer.testing import CliRunner
 
+from agents.playing import play
 from agents.policy import Task
 from agents.registry import agent
 from relloc_env.config import ConfigError, load_config
 from train import checkpoints
 from train.__main__ import app
-from train.config import CONFIGS, TrainConfig, load
+from train.config import CONFIGS, PAIR, TrainConfig, load
 from train.folder import CHECKPOINT, EVALUATION
 from train.run import DivergedError, train
 from train.tune import tune
@@ -127,6 +128,7 @@ def test_published_configurations_are_whole_and_plain_data(path: Path) -> None:
         ("algorithm.n_step=3", "did you mean `n_steps`"),
         ("environment.options.robot.max_sped=2", "did you mean `max_speed`"),
         ("evaluation.score=information", "did you mean `information_end`"),
+        ("evaluation.score=-time_pose", "one robot alone has, but is '-time_pose'"),
         ("environment.without=[pose]", "must be of"),
         ("network.policy=MlpLstmPolicy", "RecurrentPPO"),
         ("stepps=3", "did you mean `steps`"),
@@ -136,6 +138,18 @@ def test_published_configurations_are_whole_and_plain_data(path: Path) -> None:
 def test_what_is_wrong_with_an_override_is_said(override: str, message: str) -> None:
     with pytest.raises(ConfigError, match=message):
         load("active-depth", [override])
+
+
+def test_one_robot_alone_has_all_scores_but_those_that_are_refused() -> None:
+    scores, _ = play(tiny().played[0], agent("straight"), [0, 1])
+    assert {name for name, values in scores.items() if np.isnan(values).all()} == set(PAIR)
+
+
+def test_where_the_score_never_happens_the_first_policy_is_the_best(tmp_path: Path) -> None:
+    config = tiny(evaluation=TINY["evaluation"] | {"score": "-time_depth"}, steps=64)
+    train(config, tmp_path)
+    card = json.loads((tmp_path / "policy.json").read_text("utf-8"), parse_constant=pytest.fail)
+    assert (card["validation_score"], card["steps"]) == (None, 0)
 
 
 def test_the_trainer_of_the_zoo_finds_arguments_that_there_are() -> None:
