@@ -22,6 +22,7 @@ from stable_baselines3 import PPO
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 from typer.testing import CliRunner
 
+from agents.learned import trained_with
 from agents.playing import play
 from agents.policy import Task
 from agents.registry import agent
@@ -223,6 +224,26 @@ def test_stopped_while_it_writes_a_checkpoint_it_goes_on_from_the_one_before(
     steps = [event.step for event in board.Scalars("evaluation/information_end")]
     assert steps == [json.loads(line)["steps"] for line in lines[0].splitlines()]
     assert saved.name == ("policy.zip" if algorithm["name"] == "RecurrentPPO" else "policy.onnx")
+
+
+def test_a_recurrent_policy_is_played_in_the_layout_that_its_card_tells(tmp_path: Path) -> None:
+    environment = TINY["environment"] | {"nearest_first": True, "without": ["time"]}
+    config = tiny(
+        environment=environment, algorithm={**TINY["algorithm"], "name": "RecurrentPPO"}, steps=32, **MEMORY
+    )  # fmt: skip
+    policy = train(config, tmp_path)
+    assert policy == tmp_path / "policy.zip"
+    assert trained_with(str(policy)) == (1, "cascade")
+    task = Task.of(config.played[0])
+    rows = np.random.default_rng(0).normal(size=(20, 1, task.size)).astype(np.float32)
+    points = rows[..., task.slices["points"]].reshape(20, 1, task.targets, -1)
+    swapped = rows.copy()
+    swapped[..., task.slices["points"]] = points[:, :, ::-1].reshape(20, 1, -1)
+    actions = []
+    for each in (rows, swapped):
+        with pytest.warns(UserWarning, match="pickle"):
+            actions.append(agent(f"learned:{policy}")(task).act(each))
+    np.testing.assert_array_equal(*actions)  # the nearest first, in whatever order they are given
 
 
 def test_robots_that_share_a_policy_and_points_of_any_number(tmp_path: Path) -> None:
