@@ -246,6 +246,36 @@ def test_a_recurrent_policy_is_played_in_the_layout_that_its_card_tells(tmp_path
     np.testing.assert_array_equal(*actions)  # the nearest first, in whatever order they are given
 
 
+def test_an_export_on_the_way_is_not_the_end_and_leaves_the_run_as_it_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    config = tiny()
+    train(config, tmp_path / "whole")
+    write = checkpoints.write
+
+    def stop(path: Path, state: Any) -> None:
+        if state["saved"] == 192:
+            raise KeyboardInterrupt
+        write(path, state)
+
+    monkeypatch.setattr(checkpoints, "write", stop)
+    with pytest.raises(KeyboardInterrupt):
+        train(config, tmp_path / "live")
+    monkeypatch.setattr(checkpoints, "write", write)
+    with (tmp_path / "live" / EVALUATION).open("a", encoding="utf-8") as file:
+        file.write('{"steps": 256}\n')  # the run has got further than its checkpoint
+    journal = (tmp_path / "live" / EVALUATION).read_bytes()
+    result = CliRunner().invoke(app, ["export", str(tmp_path / "live")])
+    assert result.exit_code == 0, result.output
+    assert (tmp_path / "live" / EVALUATION).read_bytes() == journal
+    train(config, tmp_path / "live")
+    assert same(weights(tmp_path / "live"), weights(tmp_path / "whole"))
+    assert not list(tmp_path.glob("*/.*"))
+    left = (tmp_path / "live" / CHECKPOINT).stat().st_mtime_ns
+    assert train(config, tmp_path / "live").name == "policy.onnx"
+    assert (tmp_path / "live" / CHECKPOINT).stat().st_mtime_ns == left
+
+
 def test_robots_that_share_a_policy_and_points_of_any_number(tmp_path: Path) -> None:
     variants = [{"targets": 2}, {"targets": 3}]
     options = {"estimator": "cascade", "max_cycles": 8, "reward": {"information_pose": 3.0, "change": -0.1}}
