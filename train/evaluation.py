@@ -20,6 +20,7 @@ from relloc_env.config import load_config
 from relloc_env.samples import Bool, Float, Float32
 from relloc_env.scenarios import seeds
 from train.config import TrainConfig
+from train.whole import write_text
 
 DITHER = ("change_speed", "change_yaw_rate")
 """Scores beside `SCORES`: mean change of the commands from one action to the next, shares of the limits [-]."""
@@ -192,9 +193,7 @@ class Journal:
     def rewind(self, steps: int) -> None:
         """Forget what came after a checkpoint at `steps`."""
         kept = [line for line in self.lines() if line["steps"] <= steps]
-        partial = self._path.with_suffix(".partial")
-        partial.write_text("".join(json.dumps(line) + "\n" for line in kept), encoding="utf-8")
-        partial.replace(self._path)
+        write_text(self._path, "".join(json.dumps(line) + "\n" for line in kept))
 
     def add(self, line: Mapping[str, Any]) -> None:
         """Write one more."""

@@ -104,7 +104,6 @@ class Run:
             self.best, self._evaluated, self._saved = state["best"], state["evaluated"], state["saved"]
             self._seconds = state["seconds"]
             self._show.line(f"Goes on from the checkpoint at {self.steps:,} steps")
-        self._journal.rewind(self.steps if path.exists() else -1)
         self._scripts = self._compare() if scripts else {}
 
     @property
@@ -128,7 +127,8 @@ class Run:
         return max(self._scripts, key=lambda name: value(self._scripts[name], score), default="")
 
     def learn(self) -> None:
-        """Train to the end."""
+        """Train to the end; what was written after the checkpoint is taken back."""
+        self._journal.rewind(self.steps if (self._out / CHECKPOINT).exists() else -1)
         board = _Board(self._out / "tensorboard", self.steps + 1)
         self.model.set_logger(Logger(str(self._out), [board]))
         if self.steps < self.config.steps:
