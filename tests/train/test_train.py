@@ -271,9 +271,9 @@ def test_an_export_on_the_way_is_not_the_end_and_leaves_the_run_as_it_is(
     train(config, tmp_path / "live")
     assert same(weights(tmp_path / "live"), weights(tmp_path / "whole"))
     assert not list(tmp_path.glob("*/.*"))
-    left = (tmp_path / "live" / CHECKPOINT).stat().st_mtime_ns
+    left = (tmp_path / "live" / "policy.json").stat().st_mtime_ns
     assert train(config, tmp_path / "live").name == "policy.onnx"
-    assert (tmp_path / "live" / CHECKPOINT).stat().st_mtime_ns == left
+    assert (tmp_path / "live" / "policy.json").stat().st_mtime_ns == left
 
 
 def test_robots_that_share_a_policy_and_points_of_any_number(tmp_path: Path) -> None:
