@@ -306,7 +306,8 @@ def test_a_search_goes_on_and_leaves_the_best_configuration(tmp_path: Path) -> N
     found: list[str] = []
     tune(config, 2, tmp_path, found.append)
     best = tune(config, 3, tmp_path, found.append)
-    assert len(found) == 3
+    assert [line.partition(":")[0] for line in found] == [f"Trial {n} of {2 if n < 3 else 3}" for n in (1, 2, 3)]
+    assert len({line.rpartition(", {")[2] for line in found}) == 3  # the third is not the first once more
     chosen = load(best)
     assert 1e-4 <= chosen.algorithm.learning_rate <= 1e-2
     assert chosen.network.hidden in ((4,), (8,))
