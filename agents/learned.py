@@ -82,7 +82,7 @@ def place(name: str) -> Path:
 def files(name: str) -> list[Path]:
     """Every file that a policy is read from."""
     path = place(name)
-    return [path, path.with_suffix(".json") if path.suffix == ".onnx" else path.with_name(NORMALISATION)]
+    return [path, path.with_suffix(".json"), *([path.with_name(NORMALISATION)] if path.suffix == ".zip" else [])]
 
 
 def learned(task: Task, name: str) -> Acting:
@@ -92,7 +92,7 @@ def learned(task: Task, name: str) -> Acting:
 
 
 def read_card(path: Path) -> dict[str, Any]:
-    """The card beside an ONNX file: how it was trained, what it takes, how it did.
+    """The card beside a policy's file: how it was trained, what it takes, how it did.
 
     Raises:
         ValueError: no such file, or one that is no card.
@@ -107,21 +107,35 @@ def read_card(path: Path) -> dict[str, Any]:
     return data
 
 
+def _environment(name: str) -> dict[str, Any] | None:
+    """The environment that a policy was trained for; None for a file of Stable-Baselines3 that has no card."""
+    path = place(name)
+    return read_card(path)["environments"][0] if path.suffix == ".onnx" or _has_card(path) else None
+
+
+def _has_card(path: Path) -> bool:
+    return path.with_suffix(".json").is_file()
+
+
+def _laid_out(path: Path) -> Layout:
+    """The layout that a card tells."""
+    try:
+        return Layout.from_dict(read_card(path)["observation"])
+    except (KeyError, TypeError) as error:
+        raise ValueError(f"{path.with_suffix('.json')} must be a card of this version, but: {error}") from None
+
+
 def options(name: str) -> dict[str, Any]:
     """Options of the environment without which a policy cannot act in it: what its actions set."""
-    path = place(name)
-    if path.suffix != ".onnx":
-        return {}
-    environment = read_card(path)["environments"][0]
+    environment = _environment(name) or {}
     return {key: environment[key] for key in ("action", "gains") if environment.get("action", "motion") != "motion"}
 
 
 def trained_with(name: str) -> tuple[int, str]:
     """Number of robots and name of the estimator that a policy was trained with; the defaults where it has no card."""
-    path = place(name)
-    if path.suffix != ".onnx":
+    environment = _environment(name)
+    if environment is None:
         return 2, "map-alignment"
-    environment = read_card(path)["environments"][0]
     estimator = environment["estimator"]
     critical = estimator.get("damping") == "critical"
     return int(environment["robots"]), "cascade-critical" if critical else str(estimator["kind"])
@@ -130,10 +144,7 @@ def trained_with(name: str) -> tuple[int, str]:
 def _onnx(task: Task, path: Path) -> Acting:
     import onnxruntime
 
-    try:
-        layout = Layout.from_dict(read_card(path)["observation"])
-    except (KeyError, TypeError) as error:
-        raise ValueError(f"{path.with_suffix('.json')} must be a card of this version, but: {error}") from None
+    layout = _laid_out(path)
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1
     try:
@@ -158,12 +169,12 @@ def _zip(task: Task, path: Path) -> Acting:
     )
     policy = _policy(path)
     mean, scale, clip = _statistics(path.with_name(NORMALISATION))
-    size = task.size
     (given,) = policy.observation_space.shape
-    if given not in (size, size * task.robots):
+    layout = _laid_out(path) if _has_card(path) else Layout.of(task, joint=given != task.size)
+    if given != layout.size:
         raise ValueError(
-            f"Argument `agents` must lead to a policy for this task, of {size} numbers for a robot or "
-            f"{size * task.robots} for all, but {str(path)!r} takes {given}"
+            f"Argument `agents` must lead to a policy of {layout.row} numbers for a robot or "
+            f"{layout.row * layout.robots} for all, but {str(path)!r} takes {given}"
         )
     memory: Any = None
 
@@ -173,7 +184,7 @@ def _zip(task: Task, path: Path) -> Acting:
         actions, memory = policy.predict(rows, memory, new, deterministic=True)
         return np.asarray(actions, np.float64)
 
-    return Acting(task, Layout.of(task, joint=given != size), decide)
+    return Acting(task, layout, decide, f"The policy {str(path)!r}")
 
 
 def _policy(path: Path) -> Any:

@@ -27,6 +27,12 @@ ALGORITHMS = ("PPO", "RecurrentPPO", "SAC", "TD3")
 _OURS = ("self", "policy", "env", "seed", "device", "verbose", "tensorboard_log", "policy_kwargs", "_init_setup_model")
 """Arguments of Stable-Baselines3's algorithms that are set from elsewhere."""
 
+PAIR = (
+    "time_pose", "position_error_end", "heading_error_end", "position_error_area", "heading_bound_end", "over_bound",
+    "nees",
+)  # fmt: skip
+"""Of `agents.playing.SCORES` those that one robot alone has not."""
+
 
 def algorithm_class(name: str) -> Any:
     """The class of one of `ALGORITHMS`."""
@@ -264,7 +270,9 @@ class TrainConfig(Model):
         recurrent = self.network.policy == "MlpLstmPolicy"
         if recurrent != (self.algorithm.name == "RecurrentPPO"):
             raise ValueError("Argument `network.policy` must be MlpLstmPolicy for RecurrentPPO, and for it alone")
-        _ = self.played
+        score = self.evaluation.score
+        if score.removeprefix("-") in PAIR and any(each.robots == 1 for each in self.played):
+            raise ValueError(f"Argument `evaluation.score` must be of what one robot alone has, but is {score!r}")
         return self
 
     @cached_property

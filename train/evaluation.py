@@ -20,6 +20,7 @@ from relloc_env.config import load_config
 from relloc_env.samples import Bool, Float, Float32
 from relloc_env.scenarios import seeds
 from train.config import TrainConfig
+from train.whole import write_text
 
 DITHER = ("change_speed", "change_yaw_rate")
 """Scores beside `SCORES`: mean change of the commands from one action to the next, shares of the limits [-]."""
@@ -168,7 +169,12 @@ def differences(scores: Scores, others: Scores) -> dict[str, dict[str, float | N
 
 def plain(interval: Interval) -> dict[str, float | None]:
     """An interval as JSON has it."""
-    return {name: value if math.isfinite(value) else None for name, value in interval._asdict().items()}
+    return {name: finite(value) for name, value in interval._asdict().items()}
+
+
+def finite(value: Any) -> Any:
+    """A value as JSON has it: None for a number that is not finite."""
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 class Journal:
@@ -187,13 +193,11 @@ class Journal:
     def rewind(self, steps: int) -> None:
         """Forget what came after a checkpoint at `steps`."""
         kept = [line for line in self.lines() if line["steps"] <= steps]
-        partial = self._path.with_suffix(".partial")
-        partial.write_text("".join(json.dumps(line) + "\n" for line in kept), encoding="utf-8")
-        partial.replace(self._path)
+        write_text(self._path, "".join(json.dumps(line) + "\n" for line in kept))
 
     def add(self, line: Mapping[str, Any]) -> None:
         """Write one more."""
-        text = {name: None if isinstance(v, float) and not math.isfinite(v) else v for name, v in line.items()}
+        text = {name: finite(each) for name, each in line.items()}
         with self._path.open("a", encoding="utf-8") as file:
             file.write(json.dumps(text) + "\n")
             file.flush()

@@ -1,6 +1,5 @@
 """A policy as an ONNX file with a card: raw observations in, clipped actions out, the normalisation inside."""
 
-import json
 import subprocess
 from collections.abc import Iterator
 from datetime import UTC, datetime
@@ -17,6 +16,7 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 import relloc_env
 from agents.learned import INPUT, OUTPUT
 from train.config import TrainConfig
+from train.whole import whole, write_json
 
 OPSET = 21
 _ACTIVATIONS = {torch.nn.Tanh: "Tanh", torch.nn.ReLU: "Relu", torch.nn.ELU: "Elu"}
@@ -138,11 +138,12 @@ def commit() -> str:
 
 
 def save(model: BaseAlgorithm, about: dict[str, Any], path: Path) -> None:
-    """Write NAME.onnx and NAME.json, each whole or not at all."""
-    for target, data in (
-        (path, to_onnx(model).SerializeToString()),
-        (path.with_suffix(".json"), (json.dumps(about, indent=1) + "\n").encode()),
-    ):
-        partial = target.with_name(f".{target.name}")
-        partial.write_bytes(data)
-        partial.replace(target)
+    """Write NAME.json, and NAME.onnx where there can be one, each whole or not at all.
+
+    Raises:
+        NoOnnxError: as `to_onnx`; the card is written.
+    """
+    write_json(path.with_suffix(".json"), about)
+    made = to_onnx(model).SerializeToString()
+    with whole(path) as partial:
+        partial.write_bytes(made)

@@ -12,7 +12,7 @@ from relloc_env.config import ConfigError
 from train.config import TrainConfig
 
 CONFIG, CHECKPOINT, EVALUATION, SCRIPTS = "config.yaml", "checkpoint.pt", "evaluation.jsonl", "scripts.json"
-POLICY, SAVED = "policy.onnx", "policy.zip"
+POLICY, SAVED, DONE = "policy.onnx", "policy.zip", "done.json"
 
 
 def claim(config: TrainConfig, out: Path) -> None:

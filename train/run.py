@@ -13,15 +13,28 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
 from torch.utils.tensorboard import SummaryWriter
 
+from agents.learned import NORMALISATION
 from agents.policy import Policy, Task
 from relloc_env.config import ConfigError
 from relloc_env.scenarios import SEEDS
 from train import checkpoints, export
 from train.config import TrainConfig
-from train.evaluation import Journal, compare, differences, evaluate, intervals, means, play_script, policy_of, value
-from train.folder import CHECKPOINT, EVALUATION, POLICY, SAVED, SCRIPTS, claim
+from train.evaluation import (
+    Journal,
+    compare,
+    differences,
+    evaluate,
+    finite,
+    intervals,
+    means,
+    play_script,
+    policy_of,
+    value,
+)
+from train.folder import CHECKPOINT, DONE, EVALUATION, POLICY, SAVED, SCRIPTS, claim
 from train.models import build, sound
 from train.progress import Show
+from train.whole import whole, write_json, write_text
 
 SCORED = ("information_10s", "information_mean", "information_end", "change_speed", "change_yaw_rate")
 """Scores that are drawn in TensorBoard."""
@@ -49,12 +62,14 @@ def train(config: TrainConfig, out: Path, *, command: str = "") -> Path:
         DivergedError: the weights are no numbers any more; the last checkpoint stays.
     """
     claim(config, out)
-    if (out / SAVED).exists() and Journal(out / EVALUATION).lines()[-1]["steps"] >= config.steps:
-        return out / (POLICY if (out / POLICY).exists() else SAVED)
+    if (out / DONE).exists():
+        return out / json.loads((out / DONE).read_text(encoding="utf-8"))["policy"]
     with Show(config.steps, config.evaluation.score) as show:
         run = Run(config, out, show=show)
         run.learn()
-        return run.finish(command)
+        policy = run.finish(command)
+        write_json(out / DONE, {"steps": run.steps, "policy": policy.name})
+    return policy
 
 
 class Run:
@@ -89,7 +104,6 @@ class Run:
             self.best, self._evaluated, self._saved = state["best"], state["evaluated"], state["saved"]
             self._seconds = state["seconds"]
             self._show.line(f"Goes on from the checkpoint at {self.steps:,} steps")
-        self._journal.rewind(self.steps if path.exists() else -1)
         self._scripts = self._compare() if scripts else {}
 
     @property
@@ -102,9 +116,7 @@ class Run:
         path = self._out / SCRIPTS
         if not path.exists():
             found = compare(self.config, tell=lambda name: self._show.doing(f"plays {name}"))
-            partial = path.with_suffix(".partial")
-            partial.write_text(json.dumps({name: means(each) for name, each in found.items()}), encoding="utf-8")
-            partial.replace(path)
+            write_text(path, json.dumps({name: means(each) for name, each in found.items()}))
         scripts: dict[str, dict[str, float]] = json.loads(path.read_text(encoding="utf-8"))
         return scripts
 
@@ -115,11 +127,11 @@ class Run:
         return max(self._scripts, key=lambda name: value(self._scripts[name], score), default="")
 
     def learn(self) -> None:
-        """Train to the end."""
+        """Train to the end; what was written after the checkpoint is taken back."""
+        self._journal.rewind(self.steps if (self._out / CHECKPOINT).exists() else -1)
         board = _Board(self._out / "tensorboard", self.steps + 1)
         self.model.set_logger(Logger(str(self._out), [board]))
         if self.steps < self.config.steps:
-            (self._out / SAVED).unlink(missing_ok=True)  # what was exported on the way is not the end
             try:
                 self.model.learn(
                     self.config.steps - self.steps, callback=_Pauses(self, self._show), reset_num_timesteps=False
@@ -162,7 +174,7 @@ class Run:
         evaluation = self.config.evaluation
         found = means(evaluate(self.config, self._policy(), episodes=evaluation.episodes))
         score = value(found, evaluation.score)
-        if score > self.best["score"]:
+        if "policy" not in self.best or score > self.best["score"]:  # a time of what never happens is -inf
             normaliser = self.model.get_vec_normalize_env()
             statistics = deepcopy(normaliser.obs_rms) if normaliser is not None else None
             policy = {name: value.clone() for name, value in self.model.policy.state_dict().items()}
@@ -197,18 +209,20 @@ class Run:
         out = self._out
         normaliser = self.model.get_vec_normalize_env()
         if normaliser is not None:
-            normaliser.save(str(out / "normalisation.pkl"))
+            with whole(out / NORMALISATION) as partial:
+                normaliser.save(str(partial))
         self._film()
         seconds = self._seconds + time.monotonic() - self._since
         about = export.card(
             self.config, self.model, command=command, steps=self.best["steps"], seconds=round(seconds),
-            validation_score=self.best["score"], metrics=self._metrics(),
+            validation_score=finite(self.best["score"]), metrics=self._metrics(),
         )  # fmt: skip
         try:
             export.save(self.model, about, out / POLICY)
         except export.NoOnnxError as error:
             self._show.line(f"{error}: the policy is {out / SAVED}")
-        self.model.save(out / SAVED)  # last: says that all is there
+        with whole(out / SAVED) as partial:
+            self.model.save(partial)
         return out / (POLICY if (out / POLICY).exists() else SAVED)
 
     def _metrics(self) -> dict[str, Any]:

@@ -6,12 +6,13 @@ from typing import Any
 
 import optuna
 import yaml
-from optuna.trial import TrialState
+from optuna.trial import FrozenTrial, TrialState
 
 from relloc_env.config import ConfigError
 from train.config import TrainConfig, load, put
 from train.folder import claim
 from train.run import DivergedError, Run
+from train.whole import write_text
 
 STUDY, BEST, FOLDER = "study.db", "best.yaml", "folder"
 Tell = Callable[[str], None]
@@ -41,23 +42,24 @@ def tune(config: TrainConfig, trials: int, out: Path, tell: Tell) -> Path:
     optuna.logging.set_verbosity(optuna.logging.WARNING)
     study = optuna.create_study(
         storage=f"sqlite:///{out / STUDY}", study_name=config.name, direction="maximize", load_if_exists=True,
-        sampler=optuna.samplers.TPESampler(seed=config.seed, n_startup_trials=5),
         pruner=optuna.pruners.MedianPruner(n_startup_trials=4, n_warmup_steps=config.steps // 4),
     )  # fmt: skip
     for stopped in study.get_trials(states=(TrialState.RUNNING,)):
         study.tell(stopped.number, state=TrialState.FAIL)
         study.enqueue_trial(stopped.params, user_attrs={FOLDER: stopped.user_attrs.get(FOLDER, _folder(stopped))})
+    # what is drawn next depends on the trials that there are: a search that goes on does not draw the same again
+    study.sampler = optuna.samplers.TPESampler(seed=config.seed + len(study.trials), n_startup_trials=5)
+
+    def say(_: optuna.Study, trial: FrozenTrial) -> None:
+        value = "given up" if trial.state is TrialState.PRUNED else f"{config.evaluation.score} {trial.value:.3f}"
+        tell(f"Trial {len(over) + 1} of {trials}: {value}, {trial.params}")
+
     while len(over := study.get_trials(deepcopy=False, states=(TrialState.COMPLETE, TrialState.PRUNED))) < trials:
-        study.optimize(lambda trial: _play(trial, config, out), n_trials=1, catch=())
-        last = study.trials[-1]
-        value = "given up" if last.state is TrialState.PRUNED else f"{config.evaluation.score} {last.value:.3f}"
-        tell(f"Trial {len(over) + 1} of {trials}: {value}, {last.params}")
+        study.optimize(lambda trial: _play(trial, config, out), n_trials=1, catch=(), callbacks=[say])
     best = study.best_trial
     found = _with(config, {name: each.draw(best, name) for name, each in config.search.items()}).to_dict()
     path = out / BEST
-    partial = out / f".{BEST}"
-    partial.write_text(yaml.safe_dump(found, sort_keys=False), encoding="utf-8")
-    partial.replace(path)
+    write_text(path, yaml.safe_dump(found, sort_keys=False))
     return path
 
 

@@ -22,12 +22,14 @@ from stable_baselines3 import PPO
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 from typer.testing import CliRunner
 
+from agents.learned import trained_with
+from agents.playing import play
 from agents.policy import Task
 from agents.registry import agent
 from relloc_env.config import ConfigError, load_config
 from train import checkpoints
 from train.__main__ import app
-from train.config import CONFIGS, TrainConfig, load
+from train.config import CONFIGS, PAIR, TrainConfig, load
 from train.folder import CHECKPOINT, EVALUATION
 from train.run import DivergedError, train
 from train.tune import tune
@@ -127,6 +129,7 @@ def test_published_configurations_are_whole_and_plain_data(path: Path) -> None:
         ("algorithm.n_step=3", "did you mean `n_steps`"),
         ("environment.options.robot.max_sped=2", "did you mean `max_speed`"),
         ("evaluation.score=information", "did you mean `information_end`"),
+        ("evaluation.score=-time_pose", "one robot alone has, but is '-time_pose'"),
         ("environment.without=[pose]", "must be of"),
         ("network.policy=MlpLstmPolicy", "RecurrentPPO"),
         ("stepps=3", "did you mean `steps`"),
@@ -136,6 +139,18 @@ def test_published_configurations_are_whole_and_plain_data(path: Path) -> None:
 def test_what_is_wrong_with_an_override_is_said(override: str, message: str) -> None:
     with pytest.raises(ConfigError, match=message):
         load("active-depth", [override])
+
+
+def test_one_robot_alone_has_all_scores_but_those_that_are_refused() -> None:
+    scores, _ = play(tiny().played[0], agent("straight"), [0, 1])
+    assert {name for name, values in scores.items() if np.isnan(values).all()} == set(PAIR)
+
+
+def test_where_the_score_never_happens_the_first_policy_is_the_best(tmp_path: Path) -> None:
+    config = tiny(evaluation=TINY["evaluation"] | {"score": "-time_depth"}, steps=64)
+    train(config, tmp_path)
+    card = json.loads((tmp_path / "policy.json").read_text("utf-8"), parse_constant=pytest.fail)
+    assert (card["validation_score"], card["steps"]) == (None, 0)
 
 
 def test_the_trainer_of_the_zoo_finds_arguments_that_there_are() -> None:
@@ -211,6 +226,56 @@ def test_stopped_while_it_writes_a_checkpoint_it_goes_on_from_the_one_before(
     assert saved.name == ("policy.zip" if algorithm["name"] == "RecurrentPPO" else "policy.onnx")
 
 
+def test_a_recurrent_policy_is_played_in_the_layout_that_its_card_tells(tmp_path: Path) -> None:
+    environment = TINY["environment"] | {"nearest_first": True, "without": ["time"]}
+    config = tiny(
+        environment=environment, algorithm={**TINY["algorithm"], "name": "RecurrentPPO"}, steps=32, **MEMORY
+    )  # fmt: skip
+    policy = train(config, tmp_path)
+    assert policy == tmp_path / "policy.zip"
+    assert trained_with(str(policy)) == (1, "cascade")
+    task = Task.of(config.played[0])
+    rows = np.random.default_rng(0).normal(size=(20, 1, task.size)).astype(np.float32)
+    points = rows[..., task.slices["points"]].reshape(20, 1, task.targets, -1)
+    swapped = rows.copy()
+    swapped[..., task.slices["points"]] = points[:, :, ::-1].reshape(20, 1, -1)
+    actions = []
+    for each in (rows, swapped):
+        with pytest.warns(UserWarning, match="pickle"):
+            actions.append(agent(f"learned:{policy}")(task).act(each))
+    np.testing.assert_array_equal(*actions)  # the nearest first, in whatever order they are given
+
+
+def test_an_export_on_the_way_is_not_the_end_and_leaves_the_run_as_it_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    config = tiny()
+    train(config, tmp_path / "whole")
+    write = checkpoints.write
+
+    def stop(path: Path, state: Any) -> None:
+        if state["saved"] == 192:
+            raise KeyboardInterrupt
+        write(path, state)
+
+    monkeypatch.setattr(checkpoints, "write", stop)
+    with pytest.raises(KeyboardInterrupt):
+        train(config, tmp_path / "live")
+    monkeypatch.setattr(checkpoints, "write", write)
+    with (tmp_path / "live" / EVALUATION).open("a", encoding="utf-8") as file:
+        file.write('{"steps": 256}\n')  # the run has got further than its checkpoint
+    journal = (tmp_path / "live" / EVALUATION).read_bytes()
+    result = CliRunner().invoke(app, ["export", str(tmp_path / "live")])
+    assert result.exit_code == 0, result.output
+    assert (tmp_path / "live" / EVALUATION).read_bytes() == journal
+    train(config, tmp_path / "live")
+    assert same(weights(tmp_path / "live"), weights(tmp_path / "whole"))
+    assert not list(tmp_path.glob("*/.*"))
+    left = (tmp_path / "live" / "policy.json").stat().st_mtime_ns
+    assert train(config, tmp_path / "live").name == "policy.onnx"
+    assert (tmp_path / "live" / "policy.json").stat().st_mtime_ns == left
+
+
 def test_robots_that_share_a_policy_and_points_of_any_number(tmp_path: Path) -> None:
     variants = [{"targets": 2}, {"targets": 3}]
     options = {"estimator": "cascade", "max_cycles": 8, "reward": {"information_pose": 3.0, "change": -0.1}}
@@ -241,7 +306,8 @@ def test_a_search_goes_on_and_leaves_the_best_configuration(tmp_path: Path) -> N
     found: list[str] = []
     tune(config, 2, tmp_path, found.append)
     best = tune(config, 3, tmp_path, found.append)
-    assert len(found) == 3
+    assert [line.partition(":")[0] for line in found] == [f"Trial {n} of {2 if n < 3 else 3}" for n in (1, 2, 3)]
+    assert len({line.rpartition(", {")[2] for line in found}) == 3  # the third is not the first once more
     chosen = load(best)
     assert 1e-4 <= chosen.algorithm.learning_rate <= 1e-2
     assert chosen.network.hidden in ((4,), (8,))
