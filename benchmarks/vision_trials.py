@@ -46,7 +46,7 @@ CASES: Mapping[str, tuple[str, Mapping[str, Any]]] = {
 """What is special about the scene, and options of the environment."""
 
 
-def trials(pictures: int, tell: Tell) -> dict[str, dict[str, float]]:
+def trials(pictures: int, tell: Tell) -> dict[str, dict[str, float | None]]:
     """Take so many pictures of each case, and compare what is found with where the target is.
 
     Returns:
@@ -60,7 +60,7 @@ def trials(pictures: int, tell: Tell) -> dict[str, dict[str, float]]:
     return found
 
 
-def _trial(scene: str, options: Mapping[str, Any], pictures: int) -> dict[str, float]:
+def _trial(scene: str, options: Mapping[str, Any], pictures: int) -> dict[str, float | None]:
     """One case: target 0 is looked for; its distance is 1.5 to 7 m."""
     rng = np.random.default_rng(7)
     errors, false = [], 0
