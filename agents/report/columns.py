@@ -99,15 +99,7 @@ TOLD = (
     J_END,
     J_10,
     Column("information_mean", "J, mean", "nats", MEDIAN, better=1),
-    Column(
-        "time_bound_pose",
-        "pose known",
-        "s",
-        _time,
-        1,
-        -1,
-        alone=("within 5 cm", "bound of the worst range first below 0.05 m [s]"),
-    ),
+    Column("time_bound_pose", "pose known", "s", _time, 1, -1, robots=BOTH),
     Column("time_bound_depth", "depths known", "s", _time, 1, -1),
     Column(
         "position_bound_end",
