@@ -27,12 +27,14 @@ from agents.playing import play
 from agents.policy import Task
 from agents.registry import agent
 from relloc_env.config import ConfigError, load_config
+from relloc_env.envs.variation import Variation
 from train import checkpoints
 from train.__main__ import app
-from train.config import CONFIGS, PAIR, TrainConfig, load
+from train.config import CONFIGS, PAIR, EnvironmentConfig, TrainConfig, load
 from train.folder import CHECKPOINT, EVALUATION
 from train.run import DivergedError, train
 from train.tune import tune
+from train.worlds import layout_of
 
 TINY: dict[str, Any] = {
     "name": "tiny",
@@ -130,6 +132,7 @@ def test_published_configurations_are_whole_and_plain_data(path: Path) -> None:
         ("environment.options.robot.max_sped=2", "did you mean `max_speed`"),
         ("evaluation.score=information", "did you mean `information_end`"),
         ("evaluation.score=-time_pose", "one robot alone has, but is '-time_pose'"),
+        ("environment.stages=[{suite: many-points}]", "points as in training, 3 to 6, but has 2"),
         ("environment.without=[pose]", "must be of"),
         ("network.policy=MlpLstmPolicy", "RecurrentPPO"),
         ("stepps=3", "did you mean `steps`"),
@@ -151,6 +154,29 @@ def test_where_the_score_never_happens_the_first_policy_is_the_best(tmp_path: Pa
     train(config, tmp_path)
     card = json.loads((tmp_path / "policy.json").read_text("utf-8"), parse_constant=pytest.fail)
     assert (card["validation_score"], card["steps"]) == (None, 0)
+
+
+@pytest.mark.parametrize(
+    ("stages", "span"),
+    [
+        ([{}], (2, 2)),
+        ([{"suite": "many-points"}], (3, 6)),
+        ([{"vary": {"targets": [3, 6]}}], (3, 6)),
+        ([{"vary": {"targets": {"choices": [5, 4]}}}], (4, 5)),
+        ([{"until": 9, "options": {"targets": 4}}, {"options": {"targets": 3}}], (3, 4)),
+    ],
+)
+def test_a_policy_is_laid_out_for_the_numbers_of_points_that_it_is_trained_on(
+    stages: list[dict[str, Any]], span: tuple[int, int]
+) -> None:
+    environment = EnvironmentConfig.model_validate(TINY["environment"] | {"stages": stages})
+    layout = layout_of(environment)
+    assert (layout.fewest, layout.targets) == span
+    if environment.varied:
+        drawn = Variation(environment.shared, environment.stages)
+        rng = np.random.default_rng(0)
+        seen = {drawn.draw(k % len(stages), k, rng).targets for k in range(60)}
+        assert (min(seen), max(seen)) == span
 
 
 def test_the_trainer_of_the_zoo_finds_arguments_that_there_are() -> None:
