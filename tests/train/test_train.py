@@ -286,7 +286,7 @@ def test_an_export_on_the_way_is_not_the_end_and_leaves_the_run_as_it_is(
 
     monkeypatch.setattr(checkpoints, "write", stop)
     with pytest.raises(KeyboardInterrupt):
-        train(config, tmp_path / "live")
+        train(config, tmp_path / "live", command="python -m train run tiny")
     monkeypatch.setattr(checkpoints, "write", write)
     with (tmp_path / "live" / EVALUATION).open("a", encoding="utf-8") as file:
         file.write('{"steps": 256}\n')  # the run has got further than its checkpoint
@@ -294,6 +294,7 @@ def test_an_export_on_the_way_is_not_the_end_and_leaves_the_run_as_it_is(
     result = CliRunner().invoke(app, ["export", str(tmp_path / "live")])
     assert result.exit_code == 0, result.output
     assert (tmp_path / "live" / EVALUATION).read_bytes() == journal
+    assert json.loads((tmp_path / "live" / "policy.json").read_text("utf-8"))["command"] == "python -m train run tiny"
     train(config, tmp_path / "live")
     assert same(weights(tmp_path / "live"), weights(tmp_path / "whole"))
     assert not list(tmp_path.glob("*/.*"))
