@@ -9,7 +9,7 @@ import yaml
 
 from agents.learned import POLICIES, read_card
 from relloc_env.config import ConfigError
-from train.config import TrainConfig
+from train.config import TrainConfig, load
 from train.whole import write_text
 
 CONFIG, CHECKPOINT, EVALUATION, SCRIPTS = "config.yaml", "checkpoint.pt", "evaluation.jsonl", "scripts.json"
@@ -26,8 +26,7 @@ def claim(config: TrainConfig, out: Path, command: str = "") -> None:
     out.mkdir(parents=True, exist_ok=True)
     path = out / CONFIG
     if path.exists():
-        before = yaml.safe_load(path.read_text(encoding="utf-8"))
-        differ = sorted(_differing(before, config.to_dict()))
+        differ = sorted(_differing(load(path).to_dict(), config.to_dict()))
         if differ:
             raise ConfigError(
                 f"Argument `out` must be a folder of its own: the run in {out} has other values of {', '.join(differ)}"

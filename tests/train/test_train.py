@@ -31,7 +31,7 @@ from relloc_env.envs.variation import Variation
 from train import checkpoints
 from train.__main__ import app
 from train.config import CONFIGS, PAIR, EnvironmentConfig, TrainConfig, load
-from train.folder import CHECKPOINT, EVALUATION
+from train.folder import CHECKPOINT, CONFIG, EVALUATION, claim
 from train.run import DivergedError, train
 from train.tune import tune
 from train.worlds import layout_of
@@ -194,6 +194,16 @@ def test_the_folder_of_another_run_is_left_alone(tmp_path: Path) -> None:
     train(tiny(), tmp_path)
     with pytest.raises(ConfigError, match=r"other values of algorithm\.gamma, seed"):
         train(load(TINY, ["seed=2", "algorithm.gamma=0.9"]), tmp_path)
+
+
+def test_a_folder_from_before_a_field_was_there_is_of_the_same_run(tmp_path: Path) -> None:
+    config = tiny()
+    older = config.to_dict()
+    del older["film"], older["environment"]["finite"], older["evaluation"]["options"]
+    (tmp_path / CONFIG).write_text(yaml.safe_dump(older), encoding="utf-8")
+    with pytest.raises(ConfigError, match="other values of film$"):
+        claim(config, tmp_path)
+    claim(load(config.to_dict() | {"film": "gif"}), tmp_path)
 
 
 def test_a_wrong_configuration_is_one_line() -> None:
