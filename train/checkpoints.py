@@ -101,8 +101,8 @@ def _fill_buffer(model: BaseAlgorithm, state: dict[str, Any]) -> None:
 
 def write(path: Path, state: Any) -> None:
     """Write a checkpoint, whole or not at all, also where the power fails."""
-    with whole(path) as partial:
-        torch.save(state, partial)
+    with whole(path) as partial, partial.open("wb") as file:
+        torch.save(state, file)
 
 
 def read(path: Path) -> Any:

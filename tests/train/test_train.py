@@ -201,7 +201,7 @@ def test_a_folder_from_before_a_field_was_there_is_of_the_same_run(tmp_path: Pat
     older = config.to_dict()
     del older["film"], older["environment"]["finite"], older["evaluation"]["options"]
     (tmp_path / CONFIG).write_text(yaml.safe_dump(older), encoding="utf-8")
-    with pytest.raises(ConfigError, match="other values of film$"):
+    with pytest.raises(ConfigError, match=r"other values of film$"):
         claim(config, tmp_path)
     claim(load(config.to_dict() | {"film": "gif"}), tmp_path)
 
