@@ -148,8 +148,7 @@ class AlgorithmConfig(Model):
 class NetworkConfig(Model):
     """The policy's and the critic's networks."""
 
-    policy: Literal["MlpPolicy", "MlpLstmPolicy", "CnnPolicy"] = "MlpPolicy"
-    """CnnPolicy is for observations that are images."""
+    policy: Literal["MlpPolicy", "MlpLstmPolicy"] = "MlpPolicy"
     hidden: tuple[Count, ...] = (128, 128)
     activation: Literal["tanh", "relu", "elu"] = "tanh"
     log_std: float = -0.5
