@@ -4,7 +4,6 @@ An ONNX file is run by onnxruntime: no torch, and no code but its own few operat
 pickled Python, which runs whatever is in it.
 """
 
-import difflib
 import json
 import warnings
 from collections.abc import Callable
@@ -15,6 +14,7 @@ import numpy as np
 
 from agents.layout import Layout
 from agents.policy import Task
+from relloc_env.config import hint
 from relloc_env.samples import Bool, Float, Float32
 
 PREFIX = "learned:"
@@ -71,11 +71,11 @@ def place(name: str) -> Path:
         if not path.is_file():
             raise ValueError(f"Argument `agents` must lead to a saved policy, but there is no file {name!r}")
         return path
-    known = sorted(each.stem for each in POLICIES.glob("*.onnx"))
+    known = tuple(sorted(each.stem for each in POLICIES.glob("*.onnx")))
     if name not in known:
-        close = difflib.get_close_matches(name, known, n=1)
-        hint = f"; did you mean `{close[0]}`?" if close else ""
-        raise ValueError(f"Unknown policy `{name}`{hint} Known: {', '.join(known)}; or a path to an .onnx or .zip file")
+        raise ValueError(
+            f"Unknown policy `{name}`{hint(name, known)}; known: {', '.join(known)}; or a path to an .onnx or .zip file"
+        )
     return POLICIES / f"{name}.onnx"
 
 

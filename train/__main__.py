@@ -59,7 +59,7 @@ def export(
         _missing(error)
     try:
         chosen = load(out / CONFIG)
-        policy = ship(out, name) if name else Run(chosen, out).finish(_command())
+        policy = ship(out, name) if name else Run(chosen, out).finish()
     except (ValueError, OSError) as error:
         _stop(str(error))
     typer.echo(f"Policy: {policy}")

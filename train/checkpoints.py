@@ -1,6 +1,5 @@
 """All that a run remembers, in one file that is put in its place whole: what was killed goes on from there."""
 
-import os
 import random
 from pathlib import Path
 from typing import Any
@@ -11,6 +10,7 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.save_util import recursive_getattr
 from stable_baselines3.common.vec_env import VecNormalize
 
+from train.whole import whole
 from train.worlds import Worlds
 
 _KEPT = (
@@ -101,17 +101,8 @@ def _fill_buffer(model: BaseAlgorithm, state: dict[str, Any]) -> None:
 
 def write(path: Path, state: Any) -> None:
     """Write a checkpoint, whole or not at all, also where the power fails."""
-    partial = path.with_name(f".{path.name}.{os.getpid()}")
-    with partial.open("wb") as file:
+    with whole(path) as partial, partial.open("wb") as file:
         torch.save(state, file)
-        file.flush()
-        os.fsync(file.fileno())
-    partial.replace(path)
-    folder = os.open(path.parent, os.O_RDONLY)
-    try:
-        os.fsync(folder)
-    finally:
-        os.close(folder)
 
 
 def read(path: Path) -> Any:

@@ -104,16 +104,16 @@ class EnvironmentConfig(Model):
     @property
     def fewest(self) -> int:
         """The fewest points of any configuration."""
-        found = [self.layout.targets]
+        found: list[Any] = []
         for stage in self.stages:
-            options = [{}, *(suite(stage.suite).variants if stage.suite else ())]
             drawn = stage.vary.get("targets")
-            found += [load_config(load_config(self.shared, **each), **stage.options).targets for each in options]
-            if isinstance(drawn, Choice):
-                found += drawn.choices
-            elif drawn is not None:
-                found.append(int(drawn.least))  # type: ignore[arg-type]
-        return min(found)
+            if drawn is None:
+                variants = suite(stage.suite).variants[: self.groups] if stage.suite else ({},)
+                nominal = (load_config(load_config(self.shared, **each), **stage.options) for each in variants)
+                found += [each.targets for each in nominal]
+            else:
+                found += drawn.choices if isinstance(drawn, Choice) else [drawn.least]
+        return int(min(found))
 
 
 class AlgorithmConfig(Model):
@@ -148,8 +148,7 @@ class AlgorithmConfig(Model):
 class NetworkConfig(Model):
     """The policy's and the critic's networks."""
 
-    policy: Literal["MlpPolicy", "MlpLstmPolicy", "CnnPolicy"] = "MlpPolicy"
-    """CnnPolicy is for observations that are images."""
+    policy: Literal["MlpPolicy", "MlpLstmPolicy"] = "MlpPolicy"
     hidden: tuple[Count, ...] = (128, 128)
     activation: Literal["tanh", "relu", "elu"] = "tanh"
     log_std: float = -0.5
@@ -270,6 +269,13 @@ class TrainConfig(Model):
         recurrent = self.network.policy == "MlpLstmPolicy"
         if recurrent != (self.algorithm.name == "RecurrentPPO"):
             raise ValueError("Argument `network.policy` must be MlpLstmPolicy for RecurrentPPO, and for it alone")
+        least, most = self.environment.fewest, self.environment.layout.targets
+        for each in self.played:
+            if not least <= each.targets <= most:
+                raise ValueError(
+                    f"Argument `evaluation` must have as many points as in training, {least} to {most}, but has "
+                    f"{each.targets}"
+                )
         score = self.evaluation.score
         if score.removeprefix("-") in PAIR and any(each.robots == 1 for each in self.played):
             raise ValueError(f"Argument `evaluation.score` must be of what one robot alone has, but is {score!r}")

@@ -9,27 +9,38 @@ import yaml
 
 from agents.learned import POLICIES, read_card
 from relloc_env.config import ConfigError
-from train.config import TrainConfig
+from train.config import TrainConfig, load
+from train.whole import write_text
 
 CONFIG, CHECKPOINT, EVALUATION, SCRIPTS = "config.yaml", "checkpoint.pt", "evaluation.jsonl", "scripts.json"
 POLICY, SAVED, DONE = "policy.onnx", "policy.zip", "done.json"
+COMMAND = "command.txt"
 
 
-def claim(config: TrainConfig, out: Path) -> None:
-    """Make the folder a run's, or raise ConfigError where it is of another one."""
+def claim(config: TrainConfig, out: Path, command: str = "") -> None:
+    """Make the folder a run's, and keep the command that began it.
+
+    Raises:
+        ConfigError: it is of another run.
+    """
     out.mkdir(parents=True, exist_ok=True)
     path = out / CONFIG
     if path.exists():
-        before = yaml.safe_load(path.read_text(encoding="utf-8"))
-        differ = sorted(_differing(before, config.to_dict()))
+        differ = sorted(_differing(load(path).to_dict(), config.to_dict()))
         if differ:
             raise ConfigError(
                 f"Argument `out` must be a folder of its own: the run in {out} has other values of {', '.join(differ)}"
             )
     else:
-        partial = out / f".{CONFIG}"
-        partial.write_text(yaml.safe_dump(config.to_dict(), sort_keys=False), encoding="utf-8")
-        partial.replace(path)
+        write_text(path, yaml.safe_dump(config.to_dict(), sort_keys=False))
+    if command and not (out / COMMAND).exists():
+        write_text(out / COMMAND, command + "\n")
+
+
+def command_of(out: Path) -> str:
+    """The command that began a run; nothing where none was."""
+    path = out / COMMAND
+    return path.read_text(encoding="utf-8").rstrip("\n") if path.exists() else ""
 
 
 def _differing(one: Any, other: Any, name: str = "") -> list[str]:

@@ -9,7 +9,6 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.noise import NormalActionNoise
 from stable_baselines3.common.vec_env import VecNormalize
 
-from relloc_env.config import ConfigError
 from train.config import TrainConfig, algorithm_class
 from train.worlds import Worlds
 
@@ -31,9 +30,6 @@ def build(config: TrainConfig) -> BaseAlgorithm:
             gamma=float((config.algorithm.model_extra or {}).get("gamma", 0.99)),
         )
     algorithm, network = config.algorithm, config.network
-    shape = env.observation_space.shape
-    if network.policy == "CnnPolicy" and len(shape) != 3:
-        raise ConfigError(f"Argument `network.policy` is for images: the observation has shape {shape}")
     options: dict[str, Any] = {"net_arch": list(network.hidden), "activation_fn": ACTIVATIONS[network.activation]}
     if algorithm.name in ("PPO", "RecurrentPPO"):
         options["log_std_init"] = network.log_std

@@ -31,7 +31,7 @@ from train.evaluation import (
     policy_of,
     value,
 )
-from train.folder import CHECKPOINT, DONE, EVALUATION, POLICY, SAVED, SCRIPTS, claim
+from train.folder import CHECKPOINT, DONE, EVALUATION, POLICY, SAVED, SCRIPTS, claim, command_of
 from train.models import build, sound
 from train.progress import Show
 from train.whole import whole, write_json, write_text
@@ -52,7 +52,7 @@ def train(config: TrainConfig, out: Path, *, command: str = "") -> Path:
     Args:
         config: of the run.
         out: its folder, made where it is missing.
-        command: that was given, for the card.
+        command: that was given, for the card; that of the beginning stays.
 
     Returns:
         The best policy's file, ONNX or where there can be none Stable-Baselines3's.
@@ -61,13 +61,13 @@ def train(config: TrainConfig, out: Path, *, command: str = "") -> Path:
         ConfigError: the folder is of another run.
         DivergedError: the weights are no numbers any more; the last checkpoint stays.
     """
-    claim(config, out)
+    claim(config, out, command)
     if (out / DONE).exists():
         return out / json.loads((out / DONE).read_text(encoding="utf-8"))["policy"]
     with Show(config.steps, config.evaluation.score) as show:
         run = Run(config, out, show=show)
         run.learn()
-        policy = run.finish(command)
+        policy = run.finish()
         write_json(out / DONE, {"steps": run.steps, "policy": policy.name})
     return policy
 
@@ -203,7 +203,7 @@ class Run:
         if normaliser is not None:
             normaliser.obs_rms = self.best["statistics"]
 
-    def finish(self, command: str) -> Path:
+    def finish(self) -> Path:
         """Write the best policy: as Stable-Baselines3's files, as ONNX with its card, and as a film."""
         self.take_best()
         out = self._out
@@ -214,7 +214,7 @@ class Run:
         self._film()
         seconds = self._seconds + time.monotonic() - self._since
         about = export.card(
-            self.config, self.model, command=command, steps=self.best["steps"], seconds=round(seconds),
+            self.config, self.model, command=command_of(out), steps=self.best["steps"], seconds=round(seconds),
             validation_score=finite(self.best["score"]), metrics=self._metrics(),
         )  # fmt: skip
         try:

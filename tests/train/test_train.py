@@ -27,12 +27,14 @@ from agents.playing import play
 from agents.policy import Task
 from agents.registry import agent
 from relloc_env.config import ConfigError, load_config
+from relloc_env.envs.variation import Variation
 from train import checkpoints
 from train.__main__ import app
-from train.config import CONFIGS, PAIR, TrainConfig, load
-from train.folder import CHECKPOINT, EVALUATION
+from train.config import CONFIGS, PAIR, EnvironmentConfig, TrainConfig, load
+from train.folder import CHECKPOINT, CONFIG, EVALUATION, claim
 from train.run import DivergedError, train
 from train.tune import tune
+from train.worlds import layout_of
 
 TINY: dict[str, Any] = {
     "name": "tiny",
@@ -130,6 +132,7 @@ def test_published_configurations_are_whole_and_plain_data(path: Path) -> None:
         ("environment.options.robot.max_sped=2", "did you mean `max_speed`"),
         ("evaluation.score=information", "did you mean `information_end`"),
         ("evaluation.score=-time_pose", "one robot alone has, but is '-time_pose'"),
+        ("environment.stages=[{suite: many-points}]", "points as in training, 3 to 6, but has 2"),
         ("environment.without=[pose]", "must be of"),
         ("network.policy=MlpLstmPolicy", "RecurrentPPO"),
         ("stepps=3", "did you mean `steps`"),
@@ -153,6 +156,29 @@ def test_where_the_score_never_happens_the_first_policy_is_the_best(tmp_path: Pa
     assert (card["validation_score"], card["steps"]) == (None, 0)
 
 
+@pytest.mark.parametrize(
+    ("stages", "span"),
+    [
+        ([{}], (2, 2)),
+        ([{"suite": "many-points"}], (3, 6)),
+        ([{"vary": {"targets": [3, 6]}}], (3, 6)),
+        ([{"vary": {"targets": {"choices": [5, 4]}}}], (4, 5)),
+        ([{"until": 9, "options": {"targets": 4}}, {"options": {"targets": 3}}], (3, 4)),
+    ],
+)
+def test_a_policy_is_laid_out_for_the_numbers_of_points_that_it_is_trained_on(
+    stages: list[dict[str, Any]], span: tuple[int, int]
+) -> None:
+    environment = EnvironmentConfig.model_validate(TINY["environment"] | {"stages": stages})
+    layout = layout_of(environment)
+    assert (layout.fewest, layout.targets) == span
+    if environment.varied:
+        drawn = Variation(environment.shared, environment.stages)
+        rng = np.random.default_rng(0)
+        seen = {drawn.draw(k % len(stages), k, rng).targets for k in range(60)}
+        assert (min(seen), max(seen)) == span
+
+
 def test_the_trainer_of_the_zoo_finds_arguments_that_there_are() -> None:
     data = yaml.safe_load((CONFIGS.parent / "zoo" / "ppo.yml").read_text("utf-8"))
     assert set(data) == {"relloc_env/ActiveDepth-v0", "relloc_env/RelativePose-v0"}
@@ -168,6 +194,16 @@ def test_the_folder_of_another_run_is_left_alone(tmp_path: Path) -> None:
     train(tiny(), tmp_path)
     with pytest.raises(ConfigError, match=r"other values of algorithm\.gamma, seed"):
         train(load(TINY, ["seed=2", "algorithm.gamma=0.9"]), tmp_path)
+
+
+def test_a_folder_from_before_a_field_was_there_is_of_the_same_run(tmp_path: Path) -> None:
+    config = tiny()
+    older = config.to_dict()
+    del older["film"], older["environment"]["finite"], older["evaluation"]["options"]
+    (tmp_path / CONFIG).write_text(yaml.safe_dump(older), encoding="utf-8")
+    with pytest.raises(ConfigError, match=r"other values of film$"):
+        claim(config, tmp_path)
+    claim(load(config.to_dict() | {"film": "gif"}), tmp_path)
 
 
 def test_a_wrong_configuration_is_one_line() -> None:
@@ -260,7 +296,7 @@ def test_an_export_on_the_way_is_not_the_end_and_leaves_the_run_as_it_is(
 
     monkeypatch.setattr(checkpoints, "write", stop)
     with pytest.raises(KeyboardInterrupt):
-        train(config, tmp_path / "live")
+        train(config, tmp_path / "live", command="python -m train run tiny")
     monkeypatch.setattr(checkpoints, "write", write)
     with (tmp_path / "live" / EVALUATION).open("a", encoding="utf-8") as file:
         file.write('{"steps": 256}\n')  # the run has got further than its checkpoint
@@ -268,6 +304,7 @@ def test_an_export_on_the_way_is_not_the_end_and_leaves_the_run_as_it_is(
     result = CliRunner().invoke(app, ["export", str(tmp_path / "live")])
     assert result.exit_code == 0, result.output
     assert (tmp_path / "live" / EVALUATION).read_bytes() == journal
+    assert json.loads((tmp_path / "live" / "policy.json").read_text("utf-8"))["command"] == "python -m train run tiny"
     train(config, tmp_path / "live")
     assert same(weights(tmp_path / "live"), weights(tmp_path / "whole"))
     assert not list(tmp_path.glob("*/.*"))
