@@ -66,8 +66,10 @@ clean: ## remove what the tasks made, .venv included
 
 # torch comes first and alone, so that Linux gets the build without CUDA (a tenth of the size).
 .venv/.dev: pyproject.toml constraints.txt | .venv/bin/python
-	@echo "Setting up .venv for development (once; some minutes)"
+	@echo "Setting up .venv for development (once; some minutes): torch first"
+	@echo "(a warning about $(TORCH_INDEX) is harmless where pip finds torch elsewhere)"
 	@$(PIP) install -c constraints.txt --no-deps --retries 1 --extra-index-url $(TORCH_INDEX) torch
+	@echo "... then all else"
 	@$(PIP) install -c constraints.txt -e '.[dev]'
 	@touch .venv/.demo $@
 
