@@ -63,7 +63,7 @@ def train(config: TrainConfig, out: Path, *, command: str = "") -> Path:
     """
     claim(config, out, command)
     if (out / DONE).exists():
-        return out / json.loads((out / DONE).read_text(encoding="utf-8"))["policy"]
+        return out / str(json.loads((out / DONE).read_text(encoding="utf-8"))["policy"])
     with Show(config.steps, config.evaluation.score) as show:
         run = Run(config, out, show=show)
         run.learn()

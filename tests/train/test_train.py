@@ -279,7 +279,7 @@ def test_a_recurrent_policy_is_played_in_the_layout_that_its_card_tells(tmp_path
     for each in (rows, swapped):
         with pytest.warns(UserWarning, match="pickle"):
             actions.append(agent(f"learned:{policy}")(task).act(each))
-    np.testing.assert_array_equal(*actions)  # the nearest first, in whatever order they are given
+    np.testing.assert_array_equal(actions[0], actions[1])  # the nearest first, in whatever order they are given
 
 
 def test_an_export_on_the_way_is_not_the_end_and_leaves_the_run_as_it_is(
