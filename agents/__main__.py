@@ -97,8 +97,8 @@ def benchmark(
     """Play agents on suites of scenarios and score what they make known. Stopped, it goes on where it was."""
     try:
         from agents.benchmark import benchmark as run
-        from agents.demo_progress import bar
         from agents.jobs import Asked
+        from agents.progress import bar
         from agents.registry import AGENTS
         from relloc_env.scenarios import SUITES
     except ModuleNotFoundError as error:
@@ -126,7 +126,7 @@ def report(
 ) -> None:
     """Make the page about a folder of results, report.html in it, and summary.json with every figure of its tables."""
     try:
-        from agents.demo_progress import bar
+        from agents.progress import bar
         from agents.report import report as make
     except ModuleNotFoundError as error:
         _stop(f"The package `{error.name}` is missing: pip install -e '.[agents]'")
