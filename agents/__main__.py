@@ -41,6 +41,8 @@ def film(
     motion: Annotated[str, typer.Option(help="Name of the agent.")] = "edge-near",
     beside: Annotated[str | None, typer.Option(help="Another agent from the same start, beside it.")] = None,
     titles: Annotated[str, typer.Option(help="What to call them in the picture, parted by commas.")] = "",
+    env: Annotated[str, typer.Option(help="Id of the environment.")] = "relloc_env/RelativePose-v0",
+    suite: Annotated[str, typer.Option(help="Name of the suite; of several variants, the first.")] = "open-field",
     estimator: Annotated[str, typer.Option(help="Name of the estimator.")] = "map-alignment",
     seed: Annotated[int, typer.Option(min=0, help="Seed of the episode.")] = 4,
     width: Annotated[int, typer.Option(min=320, help="Width of the picture [px].")] = 720,
@@ -50,11 +52,11 @@ def film(
         Path | None, typer.Option(help="A file, .rrd, of the first motion for the viewer of Rerun (extra: rerun).")
     ] = None,
 ) -> None:
-    """Draw one episode of the default task, with the estimator of your choice: two robots find each other."""
+    """Draw one episode of one agent, or of two from the same start."""
     try:
         from agents.film import film as draw
+        from agents.jobs import shown_in
         from agents.registry import agent, short
-        from relloc_env.config import load_config
     except ModuleNotFoundError as error:
         _stop(f"The package `{error.name}` is missing: pip install -e '.[agents,logs]'")
     try:
@@ -63,7 +65,8 @@ def film(
         if len(called) != len(shown):
             _stop(f"Argument `titles` must have one for each of {len(shown)} agents, but has {len(called)}")
         draw(
-            out, load_config(estimator=estimator), dict(zip(called, map(agent, shown), strict=True)),
+            out, [shown_in(env, suite, name, estimator) for name in shown],
+            dict(zip(called, map(agent, shown), strict=True)),
             seed=seed, width=width, faster=faster, theme="dark" if dark else "light", rerun=rerun,
         )  # fmt: skip
     except ModuleNotFoundError as error:
@@ -94,8 +97,8 @@ def benchmark(
     """Play agents on suites of scenarios and score what they make known. Stopped, it goes on where it was."""
     try:
         from agents.benchmark import benchmark as run
-        from agents.demo_progress import bar
         from agents.jobs import Asked
+        from agents.progress import bar
         from agents.registry import AGENTS
         from relloc_env.scenarios import SUITES
     except ModuleNotFoundError as error:
@@ -123,7 +126,7 @@ def report(
 ) -> None:
     """Make the page about a folder of results, report.html in it, and summary.json with every figure of its tables."""
     try:
-        from agents.demo_progress import bar
+        from agents.progress import bar
         from agents.report import report as make
     except ModuleNotFoundError as error:
         _stop(f"The package `{error.name}` is missing: pip install -e '.[agents]'")

@@ -6,31 +6,10 @@ from typing import Self
 
 from numba.core.event import Event, Listener, install_listener
 from rich.console import Console
-from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
 Tell = Callable[..., None]
 """Called with the part of a step that is done, and more words where there are any."""
-
-
-@contextmanager
-def bar() -> Iterator[Callable[[str, float], None]]:
-    """A progress bar with the time left; call what this yields with words and the part that is done.
-
-    It is shown from the first call on.
-    """
-    columns = (SpinnerColumn(), BarColumn(), TextColumn("{task.percentage:3.0f} %"), TimeRemainingColumn())
-    progress = Progress(*columns, TextColumn("{task.description}"), console=Console(stderr=True))
-    task = progress.add_task("", total=1.0)
-
-    def tell(words: str, part: float) -> None:
-        progress.start()
-        progress.update(task, completed=part, description=words)
-
-    try:
-        yield tell
-    finally:
-        if progress.live.is_started:
-            progress.stop()
 
 
 class Steps:

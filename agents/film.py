@@ -1,6 +1,6 @@
 """One episode as an animation; or two motions from the same start, side by side."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Literal
@@ -26,7 +26,7 @@ TALL = 1.04
 
 def film(
     out: Path,
-    config: EnvConfig,
+    config: EnvConfig | Sequence[EnvConfig],
     motions: Mapping[str, Callable[[Task], Policy]],
     *,
     seed: int,
@@ -39,7 +39,7 @@ def film(
 
     Args:
         out: file to write.
-        config: of the environment.
+        config: of the environment; or one for each motion.
         motions: what builds one agent or two, by what to call it in the picture; two start from the same place, each
             in a panel of its own.
         seed: of the episode.
@@ -53,7 +53,8 @@ def film(
     """
     if not 1 <= len(motions) <= 2:
         raise ValueError(f"Argument `motions` must have one entry or two, but has {len(motions)}")
-    episodes = [scenes(config, build, seed, title) for title, build in motions.items()]
+    configs = [config] * len(motions) if isinstance(config, EnvConfig) else config
+    episodes = [scenes(one, build, seed, title) for one, (title, build) in zip(configs, motions.items(), strict=True)]
     alone = len(episodes) == 1
     with recorder(rerun) as write:
         if write is not None:

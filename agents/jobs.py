@@ -21,6 +21,22 @@ ALIGN_EVERY = 20
 """[samples] between two alignments of `map-alignment` in the benchmark: one a second."""
 
 
+def robots_of(env: str) -> int:
+    """Number of robots of an id.
+
+    Raises:
+        ValueError: an id that is none.
+    """
+    if env not in IDS:
+        raise ValueError(f"Argument `env` must be one of {', '.join(IDS)}, but is {env!r}")
+    return IDS[env]
+
+
+def shown_in(env: str, which: str, name: str, estimator: str) -> EnvConfig:
+    """The configuration of a suite's first variant for an agent, its estimator as it is."""
+    return load_config({**suite(which).variants[0], **needs(name)}, robots=robots_of(env), estimator=estimator)
+
+
 @cache
 def code_digest() -> str:
     """Digest of the sources that results depend on: the package's and the agents'."""
@@ -52,8 +68,7 @@ class Asked:
 
     def check(self) -> None:
         """Raise ValueError for a name that is none, or an agent or estimator that cannot be built."""
-        if self.env not in IDS:
-            raise ValueError(f"Argument `env` must be one of {', '.join(IDS)}, but is {self.env!r}")
+        robots = robots_of(self.env)
         for argument in ("suites", "agents", "estimators"):
             if not getattr(self, argument):
                 raise ValueError(f"Argument `{argument}` must name at least one, but names none")
@@ -66,7 +81,7 @@ class Asked:
             )
         seeds(self.seeds, self.episodes)
         for name in self.estimators:
-            load_config(None, robots=IDS[self.env], estimator=name)
+            load_config(None, robots=robots, estimator=name)
         for name in self.agents:
             build = agent(name)
             played = self.suites if name.startswith(PREFIX) else self.suites[:1]  # a policy may not be for every suite

@@ -109,9 +109,9 @@ def evaluate(
     try:
         from agents.__main__ import EVERY, names
         from agents.benchmark import benchmark
-        from agents.demo_progress import bar
         from agents.jobs import IDS, Asked
         from agents.learned import PREFIX, trained_with
+        from agents.progress import bar
         from agents.registry import AGENTS
         from agents.report import report
     except ModuleNotFoundError as error:

@@ -5,7 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
+from typer.testing import CliRunner
 
+from agents.__main__ import app
 from agents.film import film, scenes
 from agents.registry import agent
 from relloc_env.config import load_config
@@ -52,3 +54,25 @@ def test_scenes_are_those_of_the_episode() -> None:
 def test_one_motion_or_two(tmp_path: Path, names: tuple[str, ...]) -> None:
     with pytest.raises(ValueError, match=f"`motions` must have one entry or two, but has {len(names)}"):
         film(tmp_path / "a.gif", CONFIG, {name: agent(name) for name in names}, seed=0)
+
+
+def test_command_shows_a_policy_of_one_robot(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each agent has the suite's options and those that it needs."""
+    asked = []
+    monkeypatch.setattr("agents.film.film", lambda _, configs, motions, **__: asked.append((configs, list(motions))))
+    needed = {"learned:gains": {"action": "motion+gains"}}
+    monkeypatch.setattr("agents.jobs.needs", lambda name: needed.get(name, {}))
+    words = ["film", "--env", "relloc_env/ActiveDepth-v0", "--suite", "narrow-view", "--estimator", "cascade"]
+    words += ["--motion", "learned:gains", "--beside", "edge", "--out", str(tmp_path / "a.gif")]
+    result = CliRunner().invoke(app, words)
+    assert result.exit_code == 0, result.output
+    ((configs, names),) = asked
+    assert names == ["gains", "edge"]
+    assert [(config.robots, config.action) for config in configs] == [(1, "motion+gains"), (1, "motion")]
+    assert [config.camera_of(0).field_of_view for config in configs] == [40.0, 40.0]
+
+
+def test_command_tells_an_id_that_is_none(tmp_path: Path) -> None:
+    result = CliRunner().invoke(app, ["film", "--env", "ActiveDepth", "--out", str(tmp_path / "a.gif")])
+    assert result.exit_code == 2
+    assert "Argument `env` must be one of relloc_env/ActiveDepth-v0" in result.output
