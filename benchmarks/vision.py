@@ -63,7 +63,8 @@ def play(config: EnvConfig, name: str, chosen: Sequence[int], actions: int | Non
         tell: told the part that is done.
     """
     n, rows = len(chosen), np.arange(len(chosen))
-    envs = RellocVectorEnv(n, config, estimator=None, info=())
+    config = config.model_copy(update={"terminate_on_collision": False, "terminate_on_success": False})
+    envs = RellocVectorEnv(n, config, estimator=None, autoreset_mode="Disabled", info=())
     simulation, task = envs.core.simulation, Task.of(envs.config)
     policy = agent(name)(task)
     policy.reset(n, 0)
@@ -72,7 +73,7 @@ def play(config: EnvConfig, name: str, chosen: Sequence[int], actions: int | Non
     for estimator in chosen_estimators.values():
         estimator.reset(simulation.prior, rows)
         estimator.update(simulation.first, rows)
-    length = min(config.max_cycles - 1, actions or config.max_cycles)
+    length = min(config.max_cycles, actions or config.max_cycles)
     offsets, distances, seen, visible = [], [], [], []
     focal = config.camera_of(0).focal_length
     for k in range(length):

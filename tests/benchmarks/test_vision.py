@@ -2,8 +2,9 @@ import json
 
 import numpy as np
 
-from benchmarks.vision import FALSE, run, tables
+from benchmarks.vision import FALSE, play, run, tables
 from benchmarks.vision_trials import CASES
+from relloc_env.config import load_config
 
 
 def test_small_run_holds_what_is_required(tmp_path) -> None:
@@ -19,3 +20,11 @@ def test_small_run_holds_what_is_required(tmp_path) -> None:
         assert found["found_of_visible"] > 0.9
     assert np.isfinite([case["found"] for case in results["trials"].values()]).all()
     assert [table.row_count for table in tables(results)] == [4, 16, len(CASES)]
+
+
+def test_plays_to_the_end() -> None:
+    """Every action of the episode counts, the last one too."""
+    config = load_config(None, max_cycles=3)
+    outcome = play(config, "straight", [1, 2], None, lambda *_: None)
+    assert len(outcome.seen) == 3
+    assert outcome.frames == 3 * config.samples_per_action * 2 * config.robots
