@@ -83,11 +83,13 @@ class Asked:
         for name in self.estimators:
             load_config(None, robots=robots, estimator=name)
         for name in self.agents:
-            build = agent(name)
-            played = self.suites if name.startswith(PREFIX) else self.suites[:1]  # a policy may not be for every suite
+            agent(name)
+            refusals = self._refusals(name) if name.startswith(PREFIX) else {}
+            if len(refusals) == len(self.suites):
+                raise next(iter(refusals.values()))
+            fitting = next(each for each in self.suites if each not in refusals)
             try:
-                for task in (task for each in played for task in self._tasks(each, name)):
-                    build(task)
+                self._build(fitting, name)
             except ValueError:
                 raise
             except Exception as error:  # anyone's agent may raise anything
@@ -96,17 +98,35 @@ class Asked:
                     f"{type(error).__name__}: {error}"
                 ) from error
 
-    def _tasks(self, which: str, name: str) -> list[Task]:
-        """The tasks of a suite's variants, for an agent."""
+    def _build(self, which: str, name: str) -> None:
+        """Build an agent for each variant of a suite."""
         job = Job(self.env, which, name, self.estimators[0], self.episodes, self.seeds)
-        return [Task.of(config) for config, _ in job.configurations()]
+        for config, _ in job.configurations():
+            agent(name)(Task.of(config))
+
+    def _refusals(self, name: str) -> dict[str, ValueError]:
+        """Suites that a learned policy was not made for, and what it says of each."""
+        found = {}
+        for which in self.suites:
+            try:
+                self._build(which, name)
+            except ValueError as error:
+                found[which] = error
+        return found
+
+    def unfit(self) -> dict[str, tuple[str, ...]]:
+        """Learned policies that were not made for some of the suites, and these suites: they are left out."""
+        found = {name: tuple(self._refusals(name)) for name in self.agents if name.startswith(PREFIX)}
+        return {name: which for name, which in found.items() if which}
 
     def jobs(self) -> Iterator["Job"]:
         """Everything there is to do."""
+        unfit = self.unfit()
         for name in self.suites:
             for estimator in self.estimators:
                 for each in self.agents:
-                    yield Job(self.env, name, each, estimator, self.episodes, self.seeds)
+                    if name not in unfit.get(each, ()):
+                        yield Job(self.env, name, each, estimator, self.episodes, self.seeds)
 
 
 @dataclass(frozen=True)

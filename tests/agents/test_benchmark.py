@@ -329,3 +329,20 @@ def test_whoever_is_shown_the_truth_is_marked(tmp_path: Path) -> None:
     asked = Asked("relloc_env/ActiveDepth-v0", ("tiny",), names, ("cascade",), 4, "validation")
     benchmark(asked, tmp_path / "out", cores=1)
     assert [result.knows_truth for result in load(tmp_path / "out")[1]] == [True, False]
+
+
+def test_a_policy_is_left_out_of_suites_that_it_was_not_made_for(tmp_path):
+    """One robot and two points: not three to six; nor two robots, which is all that the other id has."""
+    words = ["--env", "relloc_env/ActiveDepth-v0", "--suite", "open-field,many-points", "--estimators", "cascade"]
+    words += ["--agents", "learned:active-depth,straight", "--episodes", "4", "--cores", "1"]
+    done = CliRunner().invoke(app, ["benchmark", *words, "--out", str(tmp_path / "out")])
+    assert done.exit_code == 0, done.output
+    assert "Left out, since `learned:active-depth` was not made for it: many-points" in done.output
+    _, found = load(tmp_path / "out")
+    assert {(r.job.suite, r.job.agent) for r in found} == {
+        ("open-field", "learned:active-depth"), ("open-field", "straight"), ("many-points", "straight"),
+    }  # fmt: skip
+    words[1] = "relloc_env/RelativePose-v0"
+    done = CliRunner().invoke(app, ["benchmark", *words, "--out", str(tmp_path / "none")])
+    assert done.exit_code == 2
+    assert not (tmp_path / "none").exists()
