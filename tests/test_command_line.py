@@ -13,6 +13,7 @@ from relloc_env.__main__ import app
 from relloc_env.envs.centralised import RellocEnv
 from relloc_env.logs import read_log
 from relloc_env.wrappers import RecordLog
+from tests.rendering.scenes import columns_of
 
 run = CliRunner()
 
@@ -78,7 +79,7 @@ def test_replay_for_rerun(log, tmp_path):
     found: dict[str, dict[int, Any]] = {}
     still: dict[str, dict[str, Any]] = {}
     for part in chunk.RrdReader(str(file)).stream():
-        columns = part.to_record_batch().to_pydict()
+        columns = columns_of(part)
         if part.is_static:
             still.setdefault(part.entity_path, {}).update({name: values[0] for name, values in columns.items()})
         else:

@@ -11,6 +11,7 @@ from agents.__main__ import app
 from agents.film import film, scenes
 from agents.registry import agent
 from relloc_env.config import load_config
+from tests.rendering.scenes import columns_of
 
 pytest.importorskip("rerun")
 from rerun.chunk import RrdReader
@@ -33,7 +34,7 @@ def test_two_motions_start_alike_side_by_side(tmp_path: Path) -> None:
     times = set()
     for part in RrdReader(str(tmp_path / "two.rrd")).stream():
         if part.entity_path == "/world/robot_a" and not part.is_static:
-            times |= {time.total_seconds() for time in part.to_record_batch().to_pydict()["episode"]}
+            times |= {time.total_seconds() for time in columns_of(part)["episode"]}
     assert times == set(np.arange(0.0, 2.01, 0.25).tolist())
 
 
@@ -69,7 +70,7 @@ def test_command_shows_a_policy_of_one_robot(tmp_path: Path, monkeypatch: pytest
     ((configs, names),) = asked
     assert names == ["gains", "edge"]
     assert [(config.robots, config.action) for config in configs] == [(1, "motion+gains"), (1, "motion")]
-    assert [config.camera_of(0).field_of_view for config in configs] == [40.0, 40.0]
+    assert [np.degrees(2.0 * config.camera_of(0).half_view) for config in configs] == pytest.approx([40.0, 40.0])
 
 
 def test_command_tells_an_id_that_is_none(tmp_path: Path) -> None:

@@ -95,3 +95,10 @@ def random_estimate(rng: np.random.Generator, poses: Float, points: Float, mount
         pose[p] = np.array([r.real, r.imag, poses[b, 2] - poses[a, 2]]) + deviation * rng.normal(size=3)
         covariance[p] = np.diag(deviation**2) + np.array([[0, 0.9, 0], [0.9, 0, 0], [0, 0, 0]]) * sd**2
     return Estimate(polar, polar_covariance, np.ones((robots, number), bool), pose, covariance)
+
+
+def columns_of(part: Any) -> dict[str, list[Any]]:
+    """Columns of a chunk but for the time of writing, whose nanoseconds need pandas."""
+    batch = part.to_record_batch()
+    found: dict[str, list[Any]] = batch.select([name for name in batch.schema.names if name != "log_time"]).to_pydict()
+    return found

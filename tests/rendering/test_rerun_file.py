@@ -8,7 +8,7 @@ import pytest
 
 from relloc_env.rendering.geometry import axes, in_space
 from relloc_env.rendering.rerun_file import RerunFile, recorder
-from tests.rendering.scenes import random_scene
+from tests.rendering.scenes import columns_of, random_scene
 
 chunk = pytest.importorskip("rerun.chunk")
 
@@ -17,7 +17,7 @@ def read(path: Path) -> dict[str, dict[float | None, dict[str, Any]]]:
     """Rows of each entity by their time [s]; those that are static have None."""
     rows: dict[str, dict[float | None, dict[str, Any]]] = {}
     for part in chunk.RrdReader(str(path)).stream():
-        columns = part.to_record_batch().to_pydict()
+        columns = columns_of(part)
         for k in range(part.num_rows):
             row = {name: value[k] for name, value in columns.items()}
             time = None if part.is_static else row["episode"].total_seconds()
