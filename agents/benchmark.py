@@ -36,7 +36,8 @@ def benchmark(asked: Asked, out: Path, *, cores: int | None = None, tell: Tell =
     asked.check()
     out.mkdir(parents=True, exist_ok=True)
     claim(asked, out)
-    jobs = list(asked.jobs())
+    unfit = asked.unfit()
+    jobs = [job for job in asked.jobs() if job.suite not in unfit.get(job.agent, ())]
     ahead = [job for job in jobs if not done(job, out)]
     count = len(jobs) - len(ahead)
     tell("", count / len(jobs))

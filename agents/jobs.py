@@ -120,13 +120,11 @@ class Asked:
         return {name: which for name, which in found.items() if which}
 
     def jobs(self) -> Iterator["Job"]:
-        """Everything there is to do."""
-        unfit = self.unfit()
+        """Every agent on every suite with every estimator."""
         for name in self.suites:
             for estimator in self.estimators:
                 for each in self.agents:
-                    if name not in unfit.get(each, ()):
-                        yield Job(self.env, name, each, estimator, self.episodes, self.seeds)
+                    yield Job(self.env, name, each, estimator, self.episodes, self.seeds)
 
 
 @dataclass(frozen=True)

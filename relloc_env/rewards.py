@@ -1,7 +1,7 @@
 """Rewards: a sum of named, weighted terms, all computed from the truth in one kernel.
 
-`TERMS` says what each term is. A term is added in two places of this file, in the same order: its meaning in `TERMS`
-and its number in `score`.
+`TERMS` says what each term is. A term is added in three places, in the same order: its name in `config.REWARD_TERMS`,
+its meaning in `TERMS`, and its number in `score`.
 """
 
 import math

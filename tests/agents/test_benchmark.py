@@ -1,6 +1,7 @@
 import hashlib
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -14,6 +15,7 @@ from typer.testing import CliRunner
 from agents.__main__ import app
 from agents.benchmark import benchmark, run
 from agents.jobs import Asked, Job
+from agents.learned import POLICIES
 from agents.policy import Task
 from agents.registry import make
 from agents.report import report
@@ -342,7 +344,18 @@ def test_a_policy_is_left_out_of_suites_that_it_was_not_made_for(tmp_path):
     assert {(r.job.suite, r.job.agent) for r in found} == {
         ("open-field", "learned:active-depth"), ("open-field", "straight"), ("many-points", "straight"),
     }  # fmt: skip
-    words[1] = "relloc_env/RelativePose-v0"
+    words[1] = "relloc_env/RelativePose-v0"  # for which it is of no use at all
     done = CliRunner().invoke(app, ["benchmark", *words, "--out", str(tmp_path / "none")])
     assert done.exit_code == 2
     assert not (tmp_path / "none").exists()
+
+
+def test_results_outlive_the_policy_that_made_them(tmp_path):
+    """A file that is gone makes no result disappear."""
+    for name in ("active-depth.onnx", "active-depth.json"):
+        shutil.copy(POLICIES / name, tmp_path / name)
+    policy = f"learned:{tmp_path / 'active-depth.onnx'}"
+    asked = Asked("relloc_env/ActiveDepth-v0", ("open-field",), (policy,), ("cascade",), 2, "test")
+    benchmark(asked, tmp_path / "out", cores=1)
+    (tmp_path / "active-depth.onnx").unlink()
+    assert [result.job.agent for result in load(tmp_path / "out")[1]] == [policy]
