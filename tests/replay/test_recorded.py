@@ -5,7 +5,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from relloc_env.estimators import MapAlignmentConfig
 from relloc_env.logs import MrclamFolder, read_mrclam
 from relloc_env.replay import replay, run_estimator, scores
 from relloc_env.replay.settings import configure
@@ -61,10 +60,7 @@ def _medians(folder: MrclamFolder, velocity: str) -> tuple[float, float, float]:
     assert len(pairs) == 10
     for pair in pairs:
         log = folder.log(pair, velocity=velocity)  # type: ignore[arg-type]
-        config = configure(log, "map-alignment")
-        assert isinstance(config, MapAlignmentConfig)
-        # An alignment every few seconds, to be quick.
-        run = run_estimator(log, "map-alignment", config.model_copy(update={"align_every": 25}))
+        run = run_estimator(log, "map-alignment", configure(log, "map-alignment"))
         series += [scores.per_second(log.time, errors) for errors in run.poses]
     every = scores.join(series)
     part = len(every.position) / every.seconds_shared
