@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from relloc_env.config import EnvConfig
-from relloc_env.kernels._compile import inner, kernel
+from relloc_env.kernels._compile import inlined, kernel
 from relloc_env.kernels.lanes import natural
 from relloc_env.samples import Float
 
@@ -17,7 +17,7 @@ def pack_ends(config: EnvConfig) -> Float:
     return np.array(ends, np.float64)
 
 
-@inner
+@inlined
 def end_action(reward, joint_reward, collided, worst_sd, elapsed, ends, terminated, truncated, robots, n):
     """Count the actions; the mean of the robots' rewards; and which episodes are over. Arrays are flat.
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from relloc_env.config import REWARD_TERMS, EnvConfig
 from relloc_env.ends import end_action
-from relloc_env.kernels._compile import inner, kernel
+from relloc_env.kernels._compile import inlined, inner, kernel
 from relloc_env.kernels.bound import bound_measure, bound_move, bound_reset
 from relloc_env.kernels.camera import view
 from relloc_env.kernels.elementary import sin_cos
@@ -379,7 +379,7 @@ def _store_errors(t, sights, others, count, pairs, depth_error, pose_error, rows
             pose_error[to], pose_error[to + 1] = t[place + _DISTANCE], t[place + _TURN]
 
 
-@inner
+@inlined
 def _believe(t, sights, others, terms, believed, pairs, robots, count, size, n, i):
     """The terms that come from errors, of the robots of environment n, from lane i."""
     for r in range(robots):
@@ -399,7 +399,7 @@ def _believe(t, sights, others, terms, believed, pairs, robots, count, size, n, 
         believed[2 * robot], believed[2 * robot + 1] = share, error
 
 
-@inner
+@inlined
 def _terms(
     t, sights, terms, reward, last_action, actions, collided, blocked, weights_, counts, robots, count, block, n, i,
 ):  # fmt: skip

@@ -130,7 +130,7 @@ class RellocParallelEnv(ParallelEnv[str, Any, Any]):
 
     def _observations(self) -> dict[str, Any]:
         form = self._form
-        return {agent: form(line.copy()) for agent, line in zip(self.agents, self.core.observation[0], strict=True)}
+        return {agent: form(line) for agent, line in zip(self.agents, self.core.observation[0].copy(), strict=True)}
 
     def _infos(self, *, new: bool = False) -> dict[str, dict[str, Any]]:
         return dict(zip(self.agents, self.core.information.each(0, new=new), strict=True))
