@@ -21,6 +21,9 @@ from typing import Any, TypeVar
 
 import numba
 from numba.core.caching import FunctionCache, IndexDataCacheFile, NullCache
+from numba.core.codegen import JITCodeLibrary
+from numba.core.compiler import Compiler
+from numba.core.registry import CPUDispatcher
 
 _FOLDER = Path(__file__).parent
 _IMPORT = re.compile(rb"^ *(?:from|import) +(relloc_env[\w.]*)", re.MULTILINE)
@@ -36,24 +39,19 @@ def kernel(function: F) -> F:
 
 
 def inlined(function: F) -> F:
-    """The same, and compiled into each kernel that calls it: for small functions in the innermost loops."""
+    """The same, put in the place of each call in other kernels: for small functions in the innermost loops."""
     return _compile(function, forceinline=True)
 
 
-def inner(function: F) -> F:
-    """The same, for kernels to call alone: what Python would call is left out, which compiles quicker."""
-    return _compile(function, no_cpython_wrapper=True)
+inner = kernel
+
+_OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": False, "no_cfunc_wrapper": True}
 
 
-def _compile(function: F, **extra: bool) -> F:
-    options: dict[str, Any] = {
-        "nogil": True,
-        "error_model": "numpy",
-        "fastmath": False,
-        "no_cfunc_wrapper": True,
-        **extra,
-    }
-    compiled: Any = numba.njit(**options)(function)
+def _compile(function: F, **as_part: bool) -> F:
+    compiled: Any = numba.njit(**_OPTIONS)(function)
+    compiled.__class__ = _Kernel
+    compiled.part = numba.njit(**_OPTIONS, **as_part, no_cpython_wrapper=True, pipeline_class=_PartCompiler)(function)
     cache: _KernelCache | _NoCache
     try:
         cache = _KernelCache(function)
@@ -61,6 +59,56 @@ def _compile(function: F, **extra: bool) -> F:
         cache = _NoCache()
     compiled._cache = cache  # noqa: SLF001 (what numba's `cache=True` does, with a cache of its own)
     return compiled  # type: ignore[no-any-return]
+
+
+class _Kernel(CPUDispatcher):
+    """What Python calls. Kernels that call it get its part: code that is linked into theirs.
+
+    Made machine code, optimised and stored of its own as well, as numba would do it, what kernels call would cost as
+    much time again at each level of calls.
+    """
+
+    part: Any
+
+    @property
+    def _numba_type_(self) -> Any:
+        return self.part._numba_type_
+
+
+class _PartCompiler(Compiler):
+    """Compiles into a `_Part`."""
+
+    def __init__(self, typingctx: Any, targetctx: Any, _library: None, *rest: Any) -> None:
+        super().__init__(typingctx, targetctx, _Part(targetctx.codegen(), "part"), *rest)
+
+
+class _Part(JITCodeLibrary):
+    """LLVM's code of a part."""
+
+    def _finalize_final_module(self) -> None:
+        self._finalize_dynamic_globals()
+        self._finalized = True
+
+    def _optimize_final_module(self) -> None:
+        """Leave that to the kernels that the part is linked into."""
+
+    def get_pointer_to_function(self, name: str) -> int:  # noqa: ARG002 (numba's signature)
+        """Return 0: there is no machine code."""
+        self._ensure_finalized()
+        return 0
+
+    @property
+    def codegen(self) -> Any:
+        """Whoever is asked to tell machine code its environment."""
+        return _Unheard
+
+
+class _Unheard:
+    """Nobody to tell."""
+
+    @staticmethod
+    def set_env(name: str, env: Any) -> None:
+        """Do nothing."""
 
 
 class _KernelCache(FunctionCache):
