@@ -17,6 +17,8 @@ os.environ["PYGAME_HIDE_SUPPORT_PROMPT"] = "1"
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 # Nor does anybody wait who has to be told what is compiled.
 os.environ["RELLOC_QUIET"] = "1"
+# Nor does a second process help to compile.
+os.environ["RELLOC_ONE_PROCESS"] = "1"
 
 
 @pytest.fixture(scope="session")

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from relloc_env.config import ConfigError, EnvConfig
 from relloc_env.ends import pack_ends
+from relloc_env.envs.ahead import compile_kernels
 from relloc_env.envs.information import Information
 from relloc_env.envs.observation import Field, bounds, fields, observe, slices
 from relloc_env.envs.onboard import Onboard
@@ -44,6 +45,7 @@ class Core(Sharing):
         elapsed: (N,) actions since the start.
         everyone: (N,) the indices of all environments.
         threads: on which a large batch runs; what comes out does not depend on it.
+        own_estimator: whether the estimator is an object of the user's own.
     """
 
     def __init__(
@@ -58,7 +60,7 @@ class Core(Sharing):
         self.simulation = Simulation(config, n, self.threads)
         self.onboard = Onboard(config, n, estimator)
         self.bare = self.onboard.bare
-        self._own_estimator = estimator is not None
+        self.own_estimator = estimator is not None
         self.score = make_score(config, n)
         self.low, self.high = bounds(config)
         self._pictures = _open_pictures(config, self.threads)
@@ -78,6 +80,7 @@ class Core(Sharing):
         self._width = width_of(n)
         self._share()
         self.information = Information(self)
+        compile_kernels(self)
 
     @property
     def fields(self) -> list[Field]:
@@ -104,11 +107,15 @@ class Core(Sharing):
         for array in (self.elapsed, self.last_action, self.reward, self.joint_reward, self.terminated, self.truncated):
             array[rows] = 0
         self.onboard.reset(simulation.prior, simulation.first, rows)
+        self._judge_start(rows)
+        copy_sample(simulation.first, 0, simulation.samples, -1, rows)
+        self._observe(rows, part)
+
+    def _judge_start(self, rows: Rows) -> None:
+        """What the truth says at the start."""
         if self._tracks_bound:
             start_bound(*self._bound, *self._first_sight, *self._known, rows)
         score_action(*self._scored_first, self.last_action.reshape(-1), *self._scored_by, 1, rows, True)
-        copy_sample(simulation.first, 0, simulation.samples, -1, rows)
-        self._observe(rows, part)
 
     def step(self, actions: NDArray[np.float64], rows: Rows) -> None:
         """Hold `actions` (N, R, A) in [-1, 1] for one action in the environments `rows`."""
@@ -130,13 +137,27 @@ class Core(Sharing):
             actions = self._motion
         simulation.step(actions, rows, part)
         self.onboard.update(simulation.samples, rows)
+        self._judge(actions, rows)
+        self._observe(rows, part)
+
+    def _judge(self, actions: NDArray[np.float64], rows: Rows) -> None:
+        """What the truth says about an action."""
         if self._tracks_bound:
             carry_bound(
-                *self._bound, *self._sight, *self._known, rows, self.score.terms, simulation.truth.velocity,
+                *self._bound, *self._sight, *self._known, rows, self.score.terms, self.simulation.truth.velocity,
                 self.config.sample_period,
             )  # fmt: skip
         score_action(*self._scored, actions.reshape(-1), *self._scored_by, self.config.samples_per_action, rows, False)
-        self._observe(rows, part)
+
+    def compile_the_rest(self) -> None:
+        """Compile all kernels but those of the estimator and of the motion: let them work on no environment."""
+        none: Rows = self.everyone[:0]
+        self.simulation.reset(none)
+        self.onboard.tell(self.simulation.first, none, first=True)
+        self._judge_start(none)
+        self._judge(self.last_action, none)
+        if self._pictures is None:
+            self._observe(none, 0)
 
     def _observe(self, rows: Rows, part: int) -> None:
         if self._pictures is None:
@@ -214,7 +235,7 @@ class Core(Sharing):
 
     def check_clonable(self) -> None:
         """Raise where the estimator is an object of the user's own: it was made for this number of environments."""
-        if self._own_estimator:
+        if self.own_estimator:
             raise ConfigError("An environment with an estimator object of one's own cannot be cloned: give its name")
 
 

@@ -262,7 +262,11 @@ class Onboard(Sharing):
             self.estimator.reset(prior, rows)
             self.estimator.update(first, rows)
             self._look(rows)
-        _tell(*(*self._flat, *first, *self._told, rows, True, self.bare, self._width))
+        self.tell(first, rows, first=True)
+
+    def tell(self, samples: Samples, rows: Rows, *, first: bool) -> None:
+        """Sum up odometry and pass messages on; `first` where an episode starts."""
+        _tell(*(*self._flat, *samples, *self._told, rows, first, self.bare, self._width))
 
     def tune(self, actions: Float, rows: Rows) -> None:
         """Set the gains that `actions` (N, R, 2 + G) choose, until the next action."""
@@ -285,7 +289,7 @@ class Onboard(Sharing):
         if self.estimator is not None:
             self.estimator.update(samples, rows)
             self._look(rows)
-        _tell(*(*self._flat, *samples, *self._told, rows, False, self.bare, self._width))
+        self.tell(samples, rows, first=False)
 
     def _look(self, rows: Rows) -> None:
         """Look at what an estimator of the user's own has done."""

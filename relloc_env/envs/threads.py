@@ -19,13 +19,13 @@ LEAST = 256
 def check_threads(threads: int | None, num_envs: int) -> int:
     """Return how many threads a batch runs on: as many as asked for; all cores, but no idle ones, by default."""
     if threads is None:
-        return max(1, min(_cores(), num_envs // LEAST))
+        return max(1, min(cores(), num_envs // LEAST))
     if isinstance(threads, bool) or not isinstance(threads, numbers.Integral) or threads < 1:
         raise ConfigError(f"Argument `threads` must be a positive integer or None, but is {threads!r}")
     return int(threads)
 
 
-def _cores() -> int:
+def cores() -> int:
     """Cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 

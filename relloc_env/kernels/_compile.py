@@ -51,7 +51,8 @@ _OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": F
 def _compile(function: F, **as_part: bool) -> F:
     compiled: Any = numba.njit(**_OPTIONS)(function)
     compiled.__class__ = _Kernel
-    compiled.part = numba.njit(**_OPTIONS, **as_part, no_cpython_wrapper=True, pipeline_class=_PartCompiler)(function)
+    part_options = {**_OPTIONS, **as_part, "no_cpython_wrapper": True, "pipeline_class": _PartCompiler}
+    compiled.part = numba.njit(**part_options)(function)
     cache: _KernelCache | _NoCache
     try:
         cache = _KernelCache(function)
@@ -124,6 +125,13 @@ class _KernelCache(FunctionCache):
         stamp = (sources_digest(Path(function.__code__.co_filename)), self._impl.locator.get_source_stamp())
         self._cache_file = IndexDataCacheFile(self._cache_path, name.replace("<locals>", ""), stamp)
 
+    def is_empty(self) -> bool:
+        """Whether nothing was compiled from these sources yet."""
+        try:
+            return not self._cache_file._load_index()  # noqa: SLF001
+        except Exception:  # noqa: BLE001 (as below)
+            return True
+
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """Return what was compiled before, or None."""
         try:
@@ -133,7 +141,7 @@ class _KernelCache(FunctionCache):
             with contextlib.suppress(OSError):
                 self.flush()
         if found is None:
-            _announce()
+            announce()
         return found
 
     def save_overload(self, sig: Any, data: Any) -> None:
@@ -147,7 +155,13 @@ class _NoCache(NullCache):
 
     def load_overload(self, sig: Any, target_context: Any) -> None:  # noqa: ARG002 (numba's signature)
         """Return None: nothing was compiled before."""
-        _announce()
+        announce()
+
+
+def is_awaited(function: Any) -> bool:
+    """Whether a kernel has a cache, which holds nothing of it yet."""
+    cache = function._cache  # noqa: SLF001
+    return isinstance(cache, _KernelCache) and cache.is_empty()
 
 
 @functools.cache
@@ -180,10 +194,11 @@ def _source(path: Path) -> tuple[bytes, list[Path]]:
 
 
 @functools.cache
-def _announce() -> None:
+def announce() -> None:
     """Say once in a process that something has to be compiled, since that takes a while."""
     if os.environ.get(QUIET, "0") in ("", "0"):
         sys.stderr.write(
-            f"relloc_env: compiling kernels, a minute or so; they are cached for the next time ({QUIET}=1 hides this)\n"
+            "relloc_env: compiling kernels, half a minute or so; they are cached for the next time "
+            f"({QUIET}=1 hides this)\n"
         )
         sys.stderr.flush()

@@ -72,8 +72,9 @@ def test_pictures_change_nothing_else() -> None:
         env.reset(seed=5)
         for _ in range(3):
             env.step(ACTION)
-    for one, other in zip(shown.core.simulation.samples, told.core.simulation.samples, strict=True):
-        assert np.array_equal(one, other)
+    samples, others = shown.core.simulation.samples, told.core.simulation.samples
+    for name in samples._fields:
+        assert np.array_equal(getattr(samples, name), getattr(others, name))
 
 
 def test_state_is_put_back() -> None:

@@ -107,3 +107,17 @@ def test_folders_that_cannot_be_written(package: Path, tmp_path: Path) -> None:
     value, cached, said = run(package, **home)
     assert (value, cached) == (20, False)
     assert said.startswith("relloc_env: compiling")
+
+
+def test_a_kernel_is_a_part_of_those_that_call_it(package: Path) -> None:
+    """Called by a kernel, it is not compiled, nor stored, on its own; called from Python, it is."""
+    run(package)
+    assert not any("inner" in name for name in files(package))
+    value, _, _ = run(package)
+    assert value == 20
+    code = "from relloc_env.kernels.inner import inner; print(inner(1))"
+    environment = os.environ | {"PYTHONPATH": str(package.parent)}
+    called = subprocess.run(
+        [sys.executable, "-c", code], cwd=package.parent, env=environment, capture_output=True, text=True, check=True
+    )
+    assert called.stdout.split() == ["2"]
