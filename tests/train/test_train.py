@@ -351,6 +351,37 @@ def test_a_search_goes_on_and_leaves_the_best_configuration(tmp_path: Path) -> N
     assert chosen.model_copy(update={"search": {}, "algorithm": config.algorithm, "network": config.network}) == tiny()
 
 
+def test_a_trial_that_was_stopped_goes_on_from_its_checkpoint(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    config = tiny(search={"algorithm.learning_rate": {"low": 1e-4, "high": 1e-2, "log": True}})
+    whole, stopped = tmp_path / "whole", tmp_path / "stopped"
+    tune(config, 2, whole, lambda _: None)
+    write, written = checkpoints.write, []
+
+    def stop(path: Path, state: Any) -> None:
+        if path.parent.name == "trial-0001" and state["saved"] == 192:
+            raise KeyboardInterrupt
+        written.append((path.parent.name, state["saved"]))
+        write(path, state)
+
+    monkeypatch.setattr(checkpoints, "write", stop)
+    with pytest.raises(KeyboardInterrupt):
+        tune(config, 2, stopped, lambda _: None)
+    before = len(written)
+    assert written[-1] == ("trial-0001", 128)
+
+    def note(path: Path, state: Any) -> None:
+        written.append((path.parent.name, state["saved"]))
+        write(path, state)
+
+    monkeypatch.setattr(checkpoints, "write", note)
+    found: list[str] = []
+    best = tune(config, 2, stopped, found.append)
+    assert written[before:] == [("trial-0001", 192), ("trial-0001", 256), ("trial-0001", 320)]
+    assert len(found) == 1
+    assert same(weights(stopped / "trial-0001"), weights(whole / "trial-0001"))
+    assert best.read_bytes() == (whole / best.name).read_bytes()
+
+
 def test_a_policy_is_evaluated_beside_scripts(tmp_path: Path) -> None:
     options = {"estimator": "cascade"}
     policy = train(tiny(environment={"robots": 1, "options": options}), tmp_path / "run")
