@@ -8,13 +8,12 @@ from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-import yaml
 from pydantic import ConfigDict, Field, field_validator, model_validator
 
 from agents.playing import SCORES
 from agents.policy import Task
 from agents.registry import AGENTS, agent
-from relloc_env.config import ConfigError, EnvConfig, hint, load_config, read_file, validate
+from relloc_env.config import ConfigError, EnvConfig, hint, load_config, override, read_file, validate
 from relloc_env.config.base import Model, Positive
 from relloc_env.envs.variation import Choice, Stage, Variation
 from relloc_env.scenarios import suite
@@ -318,26 +317,5 @@ def load(source: str | Path | Mapping[str, Any], overrides: Sequence[str] = ()) 
             )
         data = {"name": str(source)} | read_file(CONFIGS / f"{source}.yaml")
     for text in overrides:
-        _override(data, text)
+        override(data, text)
     return validate(TrainConfig, _number(data))
-
-
-def _override(data: dict[str, Any], text: str) -> None:
-    """Put one `path.to.field=value` into nested mappings."""
-    path, equals, value = text.partition("=")
-    if not equals or not path:
-        raise ConfigError(f"Overrides must look like `path.to.field=value`, but one is {text!r}")
-    try:
-        put(data, path, yaml.safe_load(value))
-    except yaml.YAMLError:
-        raise ConfigError(f"The value of `{path}` must be YAML, but is {value!r}") from None
-
-
-def put(data: dict[str, Any], path: str, value: Any) -> None:
-    """Put a value at `path.to.field` of nested mappings, which are copied on the way."""
-    *parents, last = path.split(".")
-    for part in parents:
-        inside = data.get(part)
-        data[part] = dict(inside) if isinstance(inside, Mapping) else {}
-        data = data[part]
-    data[last] = value

@@ -8,8 +8,8 @@ import optuna
 import yaml
 from optuna.trial import FrozenTrial, TrialState
 
-from relloc_env.config import ConfigError
-from train.config import TrainConfig, load, put
+from relloc_env.config import ConfigError, put
+from train.config import TrainConfig, load
 from train.folder import claim
 from train.run import DivergedError, Run
 from train.whole import write_text

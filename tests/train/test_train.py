@@ -22,6 +22,7 @@ from stable_baselines3 import PPO
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 from typer.testing import CliRunner
 
+from agents import results
 from agents.learned import trained_with
 from agents.playing import play
 from agents.policy import Task
@@ -386,8 +387,11 @@ def test_a_policy_is_evaluated_beside_scripts(tmp_path: Path) -> None:
     options = {"estimator": "cascade"}
     policy = train(tiny(environment={"robots": 1, "options": options}), tmp_path / "run")
     arguments = ["evaluate", str(policy), "--out", str(tmp_path / "out"), "--agents", "edge", "--episodes", "4"]
+    arguments += ["--set", "max_cycles=6", "--set", "robot.lag=[0.2,0.1]"]
     result = CliRunner().invoke(app, [*arguments, "--no-animations", "--cores", "1"])
     assert result.exit_code == 0, result.output
-    summary = (tmp_path / "out" / "summary.json").read_text("utf-8")
-    assert "policy.onnx" in summary
-    assert "edge" in summary
+    assert "policy.onnx" in (tmp_path / "out" / "summary.json").read_text("utf-8")
+    for each in results.load(tmp_path / "out")[1]:
+        config, _ = each.job.configurations()[0]
+        assert (config.robot_of(0).lag, config.max_cycles) == ((0.2, 0.1), 6)
+        assert len(each.time) == 7
