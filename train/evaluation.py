@@ -35,7 +35,10 @@ def policy_of(model: BaseAlgorithm, layout: Layout) -> Callable[[Task], Policy]:
 
         def decide(rows: Float32, new: Bool) -> Float:
             nonlocal memory
-            seen = rows if normaliser is None else normaliser.normalize_obs(rows)
+            space = model.observation_space
+            seen: Any = rows.astype(space.dtype).reshape(-1, *(space.shape or ()))
+            if normaliser is not None:
+                seen = normaliser.normalize_obs(seen)
             actions, memory = model.predict(seen, memory, new, deterministic=True)
             return np.asarray(actions, np.float64)
 
@@ -80,8 +83,9 @@ def compare(config: TrainConfig, *, tell: Callable[[str], None]) -> dict[str, Sc
 
 
 def play_script(config: TrainConfig, name: str, *, episodes: int, which: str = "validation") -> Scores:
-    """Scores of an agent to compare with."""
-    return evaluate(config, agent(name), episodes=episodes, which=which, options=config.evaluation.script_options)
+    """Scores of an agent to compare with, which sees numbers."""
+    options = {"observation": "flat", **config.evaluation.script_options}
+    return evaluate(config, agent(name), episodes=episodes, which=which, options=options)
 
 
 def value(found: Mapping[str, float], score: str) -> float:

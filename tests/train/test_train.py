@@ -26,9 +26,10 @@ from agents import results
 from agents.learned import trained_with
 from agents.playing import play
 from agents.policy import Task
-from agents.registry import agent
+from agents.registry import agent, needs
 from relloc_env.config import ConfigError, load_config
 from relloc_env.envs.variation import Variation
+from relloc_env.scenarios import seeds
 from train import checkpoints
 from train.__main__ import app
 from train.config import CONFIGS, PAIR, EnvironmentConfig, TrainConfig, load
@@ -350,6 +351,60 @@ def test_a_search_goes_on_and_leaves_the_best_configuration(tmp_path: Path) -> N
     assert 1e-4 <= chosen.algorithm.learning_rate <= 1e-2
     assert chosen.network.hidden in ((4,), (8,))
     assert chosen.model_copy(update={"search": {}, "algorithm": config.algorithm, "network": config.network}) == tiny()
+
+
+SIGHT: dict[str, Any] = {
+    "environment": {
+        "robots": 1,
+        "options": {"estimator": "cascade", "max_cycles": 8, "observation": "image", "image_size": [36, 36]},
+    },
+    "network": {"policy": "CnnPolicy", "hidden": [8]},
+    "normalise": {"observations": False},
+}  # fmt: skip
+
+
+def test_a_policy_learns_from_pictures_and_is_played(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    config = tiny(**SIGHT, steps=128)
+    train(config, tmp_path / "whole")
+    write = checkpoints.write
+
+    def stop(path: Path, state: Any) -> None:
+        write(path, state)
+        if state["saved"] == 64:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(checkpoints, "write", stop)
+    with pytest.raises(KeyboardInterrupt):
+        train(config, tmp_path / "stopped")
+    monkeypatch.setattr(checkpoints, "write", write)
+    policy = train(config, tmp_path / "stopped")
+    assert same(weights(tmp_path / "stopped"), weights(tmp_path / "whole"))
+    assert policy.name == "policy.zip"
+    card = json.loads((tmp_path / "stopped" / "policy.json").read_text("utf-8"))
+    name = f"learned:{policy}"
+    with pytest.warns(UserWarning, match="pickle"):
+        scores, _ = play(load_config(None, robots=1, estimator="cascade", max_cycles=8, **needs(name)),
+                         agent(name), seeds("test", 3))  # fmt: skip
+    assert np.mean(scores["information_end"]) == pytest.approx(card["metrics"]["scores"]["information_end"]["value"])
+    with pytest.raises(ValueError, match="needs the field `picture`"), pytest.warns(UserWarning, match="pickle"):
+        agent(name)(Task.of(load_config(None, robots=1, estimator="cascade")))
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"network": {}}, "must be CnnPolicy for `observation: image`"),
+        ({"environment": TINY["environment"]}, "must be CnnPolicy for `observation: image`, and for it alone"),
+        ({"normalise": {}}, "`normalise.observations` must be false"),
+        ({"film": "gif"}, '`film` must be "" for'),
+        ({"environment": SIGHT["environment"] | {"nearest_first": True}}, "must have no `stages`"),
+        ({"environment": SIGHT["environment"] | {"stages": [{"vary": {"targets": [2, 3]}}]}}, "must have no `stages`"),
+        ({"evaluation": {"options": {"observation": "flat"}}}, "must have the same `observation`"),
+    ],
+)
+def test_what_pictures_cannot_be_with_is_said(changes: dict[str, Any], message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        tiny(**SIGHT | changes)
 
 
 def test_a_trial_that_was_stopped_goes_on_from_its_checkpoint(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
