@@ -92,6 +92,10 @@ def benchmark(
     estimators: Annotated[str, typer.Option(help="Names of estimators, parted by commas.")] = "cascade,map-alignment",
     episodes: Annotated[int, typer.Option(min=1, help="Episodes of each agent on each suite.")] = 500,
     seeds: Annotated[str, typer.Option(help="Set of seeds: train, validation or test.")] = "test",
+    options: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="OPTION=VALUE", help="Of the environment, over every suite: robot.lag=[0.2,0.1]"),
+    ] = None,
     cores: Annotated[int | None, typer.Option(min=1, help="Cores to use; default: all.")] = None,
 ) -> None:
     """Play agents on suites of scenarios and score what they make known. Stopped, it goes on where it was."""
@@ -110,6 +114,7 @@ def benchmark(
         estimators=names(estimators),
         episodes=episodes,
         seeds=seeds,
+        options=tuple(options or ()),
     )
     try:
         with bar() as tell:

@@ -2,7 +2,7 @@
 
 import hashlib
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -12,7 +12,7 @@ import relloc_env
 from agents.learned import PREFIX, files
 from agents.policy import Task
 from agents.registry import agent, needs, short
-from relloc_env.config import EnvConfig, load_config
+from relloc_env.config import ConfigError, EnvConfig, load_config, merge, override
 from relloc_env.scenarios import SEEDS, seeds, suite
 
 IDS = {"relloc_env/ActiveDepth-v0": 1, "relloc_env/RelativePose-v0": 2}
@@ -65,6 +65,8 @@ class Asked:
     seeds: str
     version: str = field(default_factory=lambda: f"{relloc_env.__version__}+{code_digest()}")
     """Of the code that made the results."""
+    options: tuple[str, ...] = ()
+    """Of the environment, over those of every suite: `path.to.option=value` each."""
 
     def check(self) -> None:
         """Raise ValueError for a name that is none, or an agent or estimator that cannot be built."""
@@ -74,6 +76,7 @@ class Asked:
                 raise ValueError(f"Argument `{argument}` must name at least one, but names none")
         for name in self.suites:
             suite(name)
+        _overriding(self.options)
         most = len(SEEDS.get(self.seeds, ()))
         if most and not 1 <= self.episodes <= most:
             raise ValueError(
@@ -100,7 +103,7 @@ class Asked:
 
     def _build(self, which: str, name: str) -> None:
         """Build an agent for each variant of a suite."""
-        job = Job(self.env, which, name, self.estimators[0], self.episodes, self.seeds)
+        job = Job(self.env, which, name, self.estimators[0], self.episodes, self.seeds, self.options)
         for config, _ in job.configurations():
             agent(name)(Task.of(config))
 
@@ -124,7 +127,7 @@ class Asked:
         for name in self.suites:
             for estimator in self.estimators:
                 for each in self.agents:
-                    yield Job(self.env, name, each, estimator, self.episodes, self.seeds)
+                    yield Job(self.env, name, each, estimator, self.episodes, self.seeds, self.options)
 
 
 @dataclass(frozen=True)
@@ -137,6 +140,7 @@ class Job:
     estimator: str
     episodes: int
     seeds: str
+    options: tuple[str, ...] = ()
 
     @property
     def files(self) -> str:
@@ -156,8 +160,8 @@ class Job:
     def configurations(self) -> list[tuple[EnvConfig, list[int]]]:
         """The configuration of each variant of the suite, and its seeds."""
         dealt = suite(self.suite).deal(seeds(self.seeds, self.episodes))
-        needed = needs(self.agent)
-        return [(configure({**options, **needed}, IDS[self.env], self.estimator), each) for options, each in dealt]
+        over = {**_overriding(self.options), **needs(self.agent)}
+        return [(configure(merge(options, over), IDS[self.env], self.estimator), each) for options, each in dealt]
 
 
 def configure(options: dict[str, Any], robots: int, estimator: str) -> EnvConfig:
@@ -168,6 +172,21 @@ def configure(options: dict[str, Any], robots: int, estimator: str) -> EnvConfig
         stated = {**inside.model_dump(exclude_unset=True), "align_every": ALIGN_EVERY, "kind": inside.kind}
         config = load_config(options, robots=robots, estimator=stated)
     return config
+
+
+def _overriding(options: Sequence[str]) -> dict[str, Any]:
+    """Options of the environment that were given as texts.
+
+    Raises:
+        ConfigError: a text of another form, or an option that is asked for elsewhere.
+    """
+    found: dict[str, Any] = {}
+    for text in options:
+        override(found, text)
+    for name, elsewhere in (("robots", "env"), ("estimator", "estimators")):
+        if name in found:
+            raise ConfigError(f"Argument `options` must not have `{name}`, which `{elsewhere}` says")
+    return found
 
 
 def _slug(name: str) -> str:

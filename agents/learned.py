@@ -55,7 +55,8 @@ class Acting:
         n, robots = observations.shape[:2]
         count = n if self._layout.joint else n * robots
         rows = self._fit(observations).reshape(count, -1)
-        new = np.repeat(self._task.time(observations) == 0.0, count // n)
+        starts = self._task.time(observations) == 0.0 if "time" in self._task.slices else np.zeros(n, bool)
+        new = np.repeat(starts, count // n)
         actions: Float = np.asarray(self._decide(rows, new), np.float64).reshape(n, robots, -1)
         return actions[..., : self._task.config.action_size]  # those of points that are not there come last
 
@@ -126,9 +127,11 @@ def _laid_out(path: Path) -> Layout:
 
 
 def options(name: str) -> dict[str, Any]:
-    """Options of the environment without which a policy cannot act in it: what its actions set."""
+    """Options of the environment without which a policy cannot act in it: what its actions set, and what it sees."""
     environment = _environment(name) or {}
-    return {key: environment[key] for key in ("action", "gains") if environment.get("action", "motion") != "motion"}
+    sets = ("action", "gains") if environment.get("action", "motion") != "motion" else ()
+    sees = ("observation", "image_size") if environment.get("observation", "flat") != "flat" else ()
+    return {key: environment[key] for key in (*sets, *sees)}
 
 
 def trained_with(name: str) -> tuple[int, str]:
@@ -169,7 +172,8 @@ def _zip(task: Task, path: Path) -> Acting:
     )
     policy = _policy(path)
     mean, scale, clip = _statistics(path.with_name(NORMALISATION))
-    (given,) = policy.observation_space.shape
+    seen = policy.observation_space
+    given = int(np.prod(seen.shape))
     layout = _laid_out(path) if _has_card(path) else Layout.of(task, joint=given != task.size)
     if given != layout.size:
         raise ValueError(
@@ -180,7 +184,7 @@ def _zip(task: Task, path: Path) -> Acting:
 
     def decide(rows: Float32, new: Bool) -> Float:
         nonlocal memory
-        rows = np.clip((rows - mean) / scale, -clip, clip).astype(np.float32)
+        rows = np.clip((rows - mean) / scale, -clip, clip).astype(seen.dtype).reshape(-1, *seen.shape)
         actions, memory = policy.predict(rows, memory, new, deterministic=True)
         return np.asarray(actions, np.float64)
 

@@ -46,6 +46,8 @@ SCORES: Mapping[str, str] = {
     "path": "way of a robot [m]",
     "collisions": "actions in which a robot touched something",
     "blocked": "share of the samples in which the shield held a robot [-]",
+    "change_speed": "change of the commanded speed from action to action, share of the greatest [-]",
+    "change_yaw_rate": "change of the commanded yaw rate from action to action, share of the greatest [-]",
 }
 """What is scored in each episode, and in what unit. Times and areas are told apart by estimator; J, bounds are not."""
 
@@ -100,7 +102,7 @@ def play(
                 f'"{config.action}", but {type(policy).__name__} gives {actions.shape}'
             )
         observations = env.step(actions.reshape(len(seeds), -1))[0]
-        record.add()
+        record.add(actions)
         progress((k + 1) / config.max_cycles)
     return record.scores(), record.curves()
 
@@ -114,9 +116,12 @@ class _Record:
         self._touched: Float = np.zeros(env.num_envs)
         self._path: Float = np.zeros(env.num_envs)
         self._last: Float | None = None
+        self._commands: list[Float] = []
 
-    def add(self) -> None:
+    def add(self, actions: Float | None = None) -> None:
         core = self._core
+        if actions is not None:
+            self._commands.append(np.clip(actions[..., :2], -1.0, 1.0))
         world, score = core.simulation.world, core.score
         distance = np.linalg.norm(world.points[:, None, :, :2] - world.pose[:, :, None, :2], axis=-1)
         bound = bound_range_sd(score.bound, world.pose, world.points) / distance
@@ -170,6 +175,7 @@ class _Record:
         length = time[-1]
         none = np.full(len(over["seen"]), np.nan)
         j = over["information"]
+        changes = np.abs(np.diff(self._commands, axis=0)).sum(axis=0).mean(axis=1) / max(1, len(self._commands) - 1)
         scores = {
             "information_10s": np.array([np.interp(AFTER, time, line) for line in j]),
             "information_mean": np.trapezoid(j, time, axis=1) / length,
@@ -183,6 +189,8 @@ class _Record:
             "path": self._path,
             "collisions": self._touched,
             "blocked": over["blocked"][:, 1:].mean(axis=1),
+            "change_speed": changes[:, 0],
+            "change_yaw_rate": changes[:, 1],
         }
         if pair:
             error = self._pose_error()

@@ -49,10 +49,8 @@ class Task:
     def of(cls, env: Any) -> "Task":
         """Task of an environment, through any of its doors, with or without wrappers; or of a configuration."""
         config = env if isinstance(env, EnvConfig) else env.unwrapped.config
-        if config.observation != "flat":
-            raise ValueError(
-                f'Argument `env` must have `observation="flat"` for a policy, but has {config.observation!r}'
-            )
+        if config.observation == "dict":
+            raise ValueError('Argument `env` must have `observation="flat"` or "image" for a policy, but has "dict"')
         return cls(config, slices(config))
 
     @property

@@ -29,7 +29,7 @@ class Result:
 
     job: Job
     scores: dict[str, Float]
-    """(N,) of each of `playing.SCORES`."""
+    """(N,) of each of `playing.SCORES`; NaN for those that were none when it was made."""
     time: Float
     """[s] (T,)"""
     curves: dict[str, Float]
@@ -63,10 +63,12 @@ class Result:
         """Read what `save` wrote."""
         with np.load(path) as data:
             about = json.loads(str(data["job"]))
+            about["options"] = tuple(about.get("options", ()))
             rest = {name: about.pop(name) for name in ABOUT}
+            none = np.full(len(data[f"score/{next(iter(SCORES))}"]), np.nan)
             return cls(
                 job=Job(**about),
-                scores={name: data[f"score/{name}"] for name in SCORES},
+                scores={name: data.get(f"score/{name}", none) for name in SCORES},
                 time=data["time"],
                 curves={name: data[f"curve/{name}"].astype(np.float64) for name in CURVES},
                 ways=data["ways"].astype(np.float64),
@@ -104,11 +106,12 @@ def claim(asked: Asked, out: Path) -> None:
     data: dict[str, Any] = asdict(asked) | {FAILED: []}
     if (out / ASKED).exists():
         data = _read(out)
-        for name in ("env", "episodes", "seeds", "version"):
-            if data[name] != getattr(asked, name):
+        theirs = _asked(data)
+        for name in ("env", "episodes", "seeds", "version", "options"):
+            if getattr(theirs, name) != getattr(asked, name):
                 raise ValueError(
-                    f"Argument `out` must be a folder of its own: {out} has results of {name} {data[name]!r}, "
-                    f"not {getattr(asked, name)!r}"
+                    f"Argument `out` must be a folder of its own: {out} has results of {name} "
+                    f"{getattr(theirs, name)!r}, not {getattr(asked, name)!r}"
                 )
         for name in ("suites", "agents", "estimators"):
             data[name] = list(dict.fromkeys([*data[name], *getattr(asked, name)]))

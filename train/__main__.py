@@ -102,6 +102,10 @@ def evaluate(
     env: Annotated[str | None, typer.Option(help="Id of the environment; default: as the card says.")] = None,
     episodes: Annotated[int, typer.Option(min=1, help="Episodes of each agent on each suite.")] = 400,
     seeds: Annotated[str, typer.Option(help="Set of seeds: train, validation or test.")] = "test",
+    options: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="OPTION=VALUE", help="Of the environment, over every suite: robot.lag=[0.2,0.1]"),
+    ] = None,
     cores: Annotated[int | None, typer.Option(min=1, help="Cores to use; default: all.")] = None,
     animations: Annotated[bool, typer.Option(help="Draw an episode of each agent.")] = True,
 ) -> None:
@@ -125,6 +129,7 @@ def evaluate(
             estimators=names(estimators) if estimators else (estimator,),
             episodes=episodes,
             seeds=seeds,
+            options=tuple(options or ()),
         )
         with bar() as tell:
             benchmark(asked, out, cores=cores, tell=tell)

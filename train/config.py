@@ -8,13 +8,12 @@ from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-import yaml
 from pydantic import ConfigDict, Field, field_validator, model_validator
 
 from agents.playing import SCORES
 from agents.policy import Task
 from agents.registry import AGENTS, agent
-from relloc_env.config import ConfigError, EnvConfig, hint, load_config, read_file, validate
+from relloc_env.config import ConfigError, EnvConfig, hint, load_config, override, read_file, validate
 from relloc_env.config.base import Model, Positive
 from relloc_env.envs.variation import Choice, Stage, Variation
 from relloc_env.scenarios import suite
@@ -79,6 +78,11 @@ class EnvironmentConfig(Model):
         fields = Task.of(self.layout).slices
         if self.decentralised and self.robots == 1:
             raise ValueError("Argument `environment.decentralised` must be false for one robot, but is true")
+        if self.pictures and (self.varied or self.without or self.nearest_first):
+            raise ValueError(
+                "Argument `environment` must have no `stages`, `without` or `nearest_first` with "
+                "`observation: image`, but has"
+            )
         for name in self.without:
             if name not in fields:
                 raise ValueError(f"Argument `environment.without` must be of {', '.join(fields)}, but has {name!r}")
@@ -100,6 +104,11 @@ class EnvironmentConfig(Model):
     def layout(self) -> EnvConfig:
         """The configuration with as many points as any: what the policy is laid out for."""
         return Variation(self.shared, self.stages).layout if self.varied else self.shared
+
+    @property
+    def pictures(self) -> bool:
+        """Whether a policy sees what the cameras see, in place of numbers."""
+        return self.layout.observation == "image"
 
     @property
     def fewest(self) -> int:
@@ -148,7 +157,8 @@ class AlgorithmConfig(Model):
 class NetworkConfig(Model):
     """The policy's and the critic's networks."""
 
-    policy: Literal["MlpPolicy", "MlpLstmPolicy"] = "MlpPolicy"
+    policy: Literal["MlpPolicy", "MlpLstmPolicy", "CnnPolicy"] = "MlpPolicy"
+    """with a memory for RecurrentPPO, with convolutions for pictures."""
     hidden: tuple[Count, ...] = (128, 128)
     activation: Literal["tanh", "relu", "elu"] = "tanh"
     log_std: float = -0.5
@@ -269,6 +279,7 @@ class TrainConfig(Model):
         recurrent = self.network.policy == "MlpLstmPolicy"
         if recurrent != (self.algorithm.name == "RecurrentPPO"):
             raise ValueError("Argument `network.policy` must be MlpLstmPolicy for RecurrentPPO, and for it alone")
+        self._check_pictures()
         least, most = self.environment.fewest, self.environment.layout.targets
         for each in self.played:
             if not least <= each.targets <= most:
@@ -280,6 +291,18 @@ class TrainConfig(Model):
         if score.removeprefix("-") in PAIR and any(each.robots == 1 for each in self.played):
             raise ValueError(f"Argument `evaluation.score` must be of what one robot alone has, but is {score!r}")
         return self
+
+    def _check_pictures(self) -> None:
+        """Raise where what the policy sees and something else do not go together."""
+        pictures = self.environment.pictures
+        if pictures != (self.network.policy == "CnnPolicy"):
+            raise ValueError("Argument `network.policy` must be CnnPolicy for `observation: image`, and for it alone")
+        if pictures and self.normalise.observations:
+            raise ValueError("Argument `normalise.observations` must be false for `observation: image`, but is true")
+        if pictures and self.film:
+            raise ValueError(f'Argument `film` must be "" for `observation: image`, but is {self.film!r}')
+        if any((each.observation == "image") != pictures for each in self.played):
+            raise ValueError("Argument `evaluation` must have the same `observation` as in training, but has another")
 
     @cached_property
     def played(self) -> list[EnvConfig]:
@@ -318,26 +341,5 @@ def load(source: str | Path | Mapping[str, Any], overrides: Sequence[str] = ()) 
             )
         data = {"name": str(source)} | read_file(CONFIGS / f"{source}.yaml")
     for text in overrides:
-        _override(data, text)
+        override(data, text)
     return validate(TrainConfig, _number(data))
-
-
-def _override(data: dict[str, Any], text: str) -> None:
-    """Put one `path.to.field=value` into nested mappings."""
-    path, equals, value = text.partition("=")
-    if not equals or not path:
-        raise ConfigError(f"Overrides must look like `path.to.field=value`, but one is {text!r}")
-    try:
-        put(data, path, yaml.safe_load(value))
-    except yaml.YAMLError:
-        raise ConfigError(f"The value of `{path}` must be YAML, but is {value!r}") from None
-
-
-def put(data: dict[str, Any], path: str, value: Any) -> None:
-    """Put a value at `path.to.field` of nested mappings, which are copied on the way."""
-    *parents, last = path.split(".")
-    for part in parents:
-        inside = data.get(part)
-        data[part] = dict(inside) if isinstance(inside, Mapping) else {}
-        data = data[part]
-    data[last] = value

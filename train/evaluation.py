@@ -22,9 +22,6 @@ from relloc_env.scenarios import seeds
 from train.config import TrainConfig
 from train.whole import write_text
 
-DITHER = ("change_speed", "change_yaw_rate")
-"""Scores beside `SCORES`: mean change of the commands from one action to the next, shares of the limits [-]."""
-
 Scores = dict[str, Float]
 """Of every episode, (N,) each."""
 
@@ -38,47 +35,16 @@ def policy_of(model: BaseAlgorithm, layout: Layout) -> Callable[[Task], Policy]:
 
         def decide(rows: Float32, new: Bool) -> Float:
             nonlocal memory
-            seen = rows if normaliser is None else normaliser.normalize_obs(rows)
+            space = model.observation_space
+            seen: Any = rows.astype(space.dtype).reshape(-1, *(space.shape or ()))
+            if normaliser is not None:
+                seen = normaliser.normalize_obs(seen)
             actions, memory = model.predict(seen, memory, new, deterministic=True)
             return np.asarray(actions, np.float64)
 
         return Acting(task, layout, decide)
 
     return build
-
-
-class _Watched:
-    """A policy whose changes of command are noted."""
-
-    def __init__(self, policy: Policy) -> None:
-        self._policy = policy
-        self._last: Float | None = None
-        self._sum: Float = np.zeros(0)
-        self._count = 0
-        self.knows_truth = getattr(policy, "knows_truth", False)
-
-    def reset(self, n: int, seed: int) -> None:
-        """As the other."""
-        self._policy.reset(n, seed)
-
-    def see(self, poses: Any, points: Any) -> None:
-        """As the other."""
-        self._policy.see(poses, points)  # type: ignore[attr-defined]
-
-    def act(self, observations: Float32) -> Float:
-        """As the other."""
-        actions = self._policy.act(observations)
-        if self._last is not None:
-            change = np.abs(np.clip(actions, -1.0, 1.0) - self._last)[..., :2].mean(axis=1)
-            self._sum = self._sum + change if self._count else change
-            self._count += 1
-        self._last = np.clip(actions, -1.0, 1.0)
-        return actions
-
-    def scores(self, n: int) -> Scores:
-        """`DITHER` of each episode."""
-        mean_change = self._sum / self._count if self._count else np.full((n, 2), np.nan)
-        return dict(zip(DITHER, mean_change.T, strict=True))
 
 
 def evaluate(
@@ -102,16 +68,9 @@ def evaluate(
     chosen = seeds(which, max(episodes, len(variants)))
     found: list[Scores] = []
     for k, each in enumerate(variants):
-        watched: list[_Watched] = []
-
-        def watch(task: Task, into: list[_Watched] = watched) -> _Watched:
-            into.append(_Watched(build(task)))
-            return into[-1]
-
-        part = chosen[k :: len(variants)]
-        scores, _ = play(each, watch, part, threads=config.threads)
-        found.append(scores | watched[0].scores(len(part)))
-    return {name: np.concatenate([each[name] for each in found]) for name in (*SCORES, *DITHER)}
+        scores, _ = play(each, build, chosen[k :: len(variants)], threads=config.threads)
+        found.append(scores)
+    return {name: np.concatenate([each[name] for each in found]) for name in SCORES}
 
 
 def compare(config: TrainConfig, *, tell: Callable[[str], None]) -> dict[str, Scores]:
@@ -124,8 +83,9 @@ def compare(config: TrainConfig, *, tell: Callable[[str], None]) -> dict[str, Sc
 
 
 def play_script(config: TrainConfig, name: str, *, episodes: int, which: str = "validation") -> Scores:
-    """Scores of an agent to compare with."""
-    return evaluate(config, agent(name), episodes=episodes, which=which, options=config.evaluation.script_options)
+    """Scores of an agent to compare with, which sees numbers."""
+    options = {"observation": "flat", **config.evaluation.script_options}
+    return evaluate(config, agent(name), episodes=episodes, which=which, options=options)
 
 
 def value(found: Mapping[str, float], score: str) -> float:

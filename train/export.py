@@ -12,6 +12,7 @@ import torch
 from numpy.typing import NDArray
 from onnx import TensorProto, helper, numpy_helper
 from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.torch_layers import FlattenExtractor
 
 import relloc_env
 from agents.learned import INPUT, OUTPUT
@@ -94,6 +95,8 @@ def to_onnx(model: BaseAlgorithm) -> onnx.ModelProto:
 
 def _layers(policy: Any) -> Iterator[torch.nn.Module]:
     """The layers from an observation to the action without noise, in order."""
+    if not isinstance(getattr(policy, "features_extractor", None) or policy.actor.features_extractor, FlattenExtractor):
+        raise NoOnnxError("A policy must take numbers to be an ONNX file, but this one takes pictures")
     if hasattr(policy, "lstm_actor"):
         raise NoOnnxError("A policy must have no memory to be an ONNX file, but this one is recurrent")
     if hasattr(policy, "action_net"):

@@ -8,8 +8,8 @@ import optuna
 import yaml
 from optuna.trial import FrozenTrial, TrialState
 
-from relloc_env.config import ConfigError
-from train.config import TrainConfig, load, put
+from relloc_env.config import ConfigError, put
+from train.config import TrainConfig, load
 from train.folder import claim
 from train.run import DivergedError, Run
 from train.whole import write_text
@@ -49,13 +49,10 @@ def tune(config: TrainConfig, trials: int, out: Path, tell: Tell) -> Path:
         study.enqueue_trial(stopped.params, user_attrs={FOLDER: stopped.user_attrs.get(FOLDER, _folder(stopped))})
     # what is drawn next depends on the trials that there are: a search that goes on does not draw the same again
     study.sampler = optuna.samplers.TPESampler(seed=config.seed + len(study.trials), n_startup_trials=5)
-
-    def say(_: optuna.Study, trial: FrozenTrial) -> None:
+    while (over := len(study.get_trials(deepcopy=False, states=(TrialState.COMPLETE, TrialState.PRUNED)))) < trials:
+        trial = _one(study, config, out)
         value = "given up" if trial.state is TrialState.PRUNED else f"{config.evaluation.score} {trial.value:.3f}"
-        tell(f"Trial {len(over) + 1} of {trials}: {value}, {trial.params}")
-
-    while len(over := study.get_trials(deepcopy=False, states=(TrialState.COMPLETE, TrialState.PRUNED))) < trials:
-        study.optimize(lambda trial: _play(trial, config, out), n_trials=1, catch=(), callbacks=[say])
+        tell(f"Trial {over + 1} of {trials}: {value}, {trial.params}")
     best = study.best_trial
     found = _with(config, {name: each.draw(best, name) for name, each in config.search.items()}).to_dict()
     path = out / BEST
@@ -73,6 +70,18 @@ def _with(config: TrainConfig, values: Mapping[str, Any]) -> TrainConfig:
 
 def _folder(trial: Any) -> str:
     return f"trial-{trial.number:04d}"
+
+
+def _one(study: optuna.Study, config: TrainConfig, out: Path) -> FrozenTrial:
+    """Play the next trial; one that is stopped from outside stays under way in the study."""
+    trial = study.ask()
+    try:
+        return study.tell(trial, _play(trial, config, out))
+    except optuna.TrialPruned:
+        return study.tell(trial, state=TrialState.PRUNED)
+    except Exception:
+        study.tell(trial, state=TrialState.FAIL)
+        raise
 
 
 def _play(trial: optuna.Trial, config: TrainConfig, out: Path) -> float:

@@ -43,10 +43,11 @@ class Worlds(VecEnvWrapper):
             )  # fmt: skip
         self.layout = layout_of(config)
         self._fit = self.layout.fit(Task.of(self._inner.config))
+        flat = spaces.Box(-np.inf, np.inf, (self.layout.size,), np.float32)
+        space: Any = self._inner.observation_space if config.pictures else flat
         self._first_seed = 0
         self.clear()
-        seen = spaces.Box(-np.inf, np.inf, (self.layout.size,), np.float32)
-        super().__init__(self._inner, observation_space=seen)
+        super().__init__(self._inner, observation_space=space)
 
     def clear(self) -> None:
         """Begin to add up rewards anew."""
@@ -85,7 +86,9 @@ class Worlds(VecEnvWrapper):
         return self._rows(observations), rewards, over, infos
 
     def _rows(self, rows: Any) -> Float32:
-        """Rows of the environments in the layout."""
+        """Rows of the environments in the layout; pictures as they are."""
+        if self.config.pictures:
+            return rows  # type: ignore[no-any-return]
         robots = self.layout.robots if self.layout.joint else 1
         apart = rows.reshape(*rows.shape[:-1], robots, -1)
         return self._fit(apart).reshape(*rows.shape[:-1], self.layout.size)

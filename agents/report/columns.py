@@ -135,6 +135,8 @@ MOVED = (
     Column("seen", "all see all", "%", MEDIAN, 0, scale=100.0),
     Column("blocked", "held by the shield", "%", MEDIAN, 1, scale=100.0),
     Column("collisions", "collisions", "an episode", MEAN, 2, -1, "mean"),
+    Column("change_speed", "change of speed", "%", MEAN, 0, kind="mean", scale=100.0),
+    Column("change_yaw_rate", "of yaw rate", "%", MEAN, 0, kind="mean", scale=100.0),
 )
 """How the robots move."""
 

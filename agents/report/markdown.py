@@ -47,8 +47,10 @@ def markdown(
             raise ValueError(f"Argument `kinds` must be of {', '.join(KINDS)}, but has {kind!r}")
     found = [(folder, *load(folder)) for folder in folders]
     first = found[0][1]
-    if any((asked.env, asked.seeds) != (first.env, first.seeds) for _, asked, _ in found):
-        raise ValueError("Argument `folders` must be of one id and one set of seeds, but they are not")
+    if any((a.env, a.seeds, a.options) != (first.env, first.seeds, first.options) for _, a, _ in found):
+        raise ValueError(
+            "Argument `folders` must be of one id, one set of seeds and the same options, but they are not"
+        )
     wanted = {*agents, *over}
     results = [result for _, _, part in found for result in part if not agents or result.job.agent in wanted]
     lines = ["```sh", *(command(asked, folder) for folder, asked, _ in found), "```", ""]

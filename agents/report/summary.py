@@ -65,6 +65,7 @@ def command(asked: Asked, out: Path) -> str:
         "out": str(out),
     }
     lines = [f"--{name} {shlex.quote(value)}" for name, value in options.items()]
+    lines += [f"--set {shlex.quote(text)}" for text in asked.options]
     return " \\\n  ".join(["python -m agents benchmark", *lines])
 
 

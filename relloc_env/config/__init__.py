@@ -4,7 +4,7 @@
 """
 
 from relloc_env.config.imaging import ImageConfig, MarkerConfig
-from relloc_env.config.loading import load_config, read_file, validate
+from relloc_env.config.loading import load_config, merge, override, put, read_file, validate
 from relloc_env.config.models import REWARD_TERMS, ConfigError, EnvConfig, hint
 from relloc_env.config.parts import (
     CAMERAS,
@@ -37,6 +37,9 @@ __all__ = [
     "StartConfig",
     "hint",
     "load_config",
+    "merge",
+    "override",
+    "put",
     "read_file",
     "validate",
 ]

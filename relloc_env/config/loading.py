@@ -91,6 +91,31 @@ def read_file(path: str | Path) -> dict[str, Any]:
     return data
 
 
+def put(data: dict[str, Any], path: str, value: Any) -> None:
+    """Put a value at `path.to.field` of nested mappings, which are copied on the way."""
+    *parents, last = path.split(".")
+    for part in parents:
+        inside = data.get(part)
+        data[part] = dict(inside) if isinstance(inside, Mapping) else {}
+        data = data[part]
+    data[last] = value
+
+
+def override(data: dict[str, Any], text: str) -> None:
+    """Put one `path.to.field=value`, the value as YAML, into nested mappings, which are copied on the way.
+
+    Raises:
+        ConfigError: a text of another form.
+    """
+    path, equals, value = text.partition("=")
+    if not equals or not path:
+        raise ConfigError(f"Overrides must look like `path.to.field=value`, but one is {text!r}")
+    try:
+        put(data, path, yaml.safe_load(value))
+    except yaml.YAMLError:
+        raise ConfigError(f"The value of `{path}` must be YAML, but is {value!r}") from None
+
+
 _CHOICES = {"estimator": "kind", "camera": "preset"}
 """Entries whose change makes the others of their mapping void."""
 

@@ -359,3 +359,40 @@ def test_results_outlive_the_policy_that_made_them(tmp_path):
     benchmark(asked, tmp_path / "out", cores=1)
     (tmp_path / "active-depth.onnx").unlink()
     assert [result.job.agent for result in load(tmp_path / "out")[1]] == [policy]
+
+
+def test_options_of_the_environment_go_over_those_of_a_suite(tmp_path):
+    """Slower robots, of which one turns back at every action; the folder is of these options alone."""
+    path = tmp_path / "flips.py"
+    law = "class Flips:\n    def __init__(self, task): self.sign = 1.0\n    def reset(self, n, seed): pass\n"
+    law += "    def act(self, rows):\n        self.sign = -self.sign\n"
+    law += "        return [self.sign, 0.25] + 0.0 * rows[..., :2]\n"
+    path.write_text(law, "utf-8")
+    flips = f"{path}:Flips"
+    words = ["--env", "relloc_env/ActiveDepth-v0", "--suite", "tiny", "--agents", f"{flips},straight", "--estimators"]
+    words += [
+        "cascade",
+        "--episodes",
+        "3",
+        "--seeds",
+        "validation",
+        "--cores",
+        "1",
+        "--out",
+        str(tmp_path / "out"),
+        "--set",
+    ]
+    done = call(*words, "robot.max_speed=0.1")
+    assert done.exit_code == 0, done.output
+    asked, results = load(tmp_path / "out")
+    assert asked.options == ("robot.max_speed=0.1",)
+    found = {result.job.agent: result.scores for result in results}
+    assert found["straight"]["path"] == pytest.approx(0.1 * 12 * 0.25)
+    assert found[flips]["change_speed"] == pytest.approx(2.0)
+    assert np.all(found["straight"]["change_speed"] == 0.0)
+    assert np.all(found[flips]["change_yaw_rate"] == 0.0)
+    figures = json.loads(report(tmp_path / "out", animations=False).with_name("summary.json").read_text("utf-8"))
+    assert figures["command"].endswith("--set robot.max_speed=0.1")
+    assert "folder of its own" in call(*words, "robot.max_speed=0.2").output.replace("\n", " ")
+    assert "which `estimators` says" in call(*words, "estimator=cascade").output.replace("\n", " ")
+    assert "did you mean `max_speed`" in call(*words, "robot.max_sped=0.2").output.replace("\n", " ")

@@ -112,7 +112,7 @@ def test_figures_are_those_of_the_files(env, pages):
             if "low" in figure and NEVER not in figure.values():
                 assert figure["low"] <= figure["value"] <= figure["high"]
             compared += 1
-    assert compared == 16 * (25 if env == "RelativePose-v0" else 15)
+    assert compared == 16 * (27 if env == "RelativePose-v0" else 17)
 
 
 @pytest.mark.parametrize("env", ["RelativePose-v0", "ActiveDepth-v0"])

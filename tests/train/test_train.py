@@ -22,12 +22,14 @@ from stable_baselines3 import PPO
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 from typer.testing import CliRunner
 
+from agents import results
 from agents.learned import trained_with
 from agents.playing import play
 from agents.policy import Task
-from agents.registry import agent
+from agents.registry import agent, needs
 from relloc_env.config import ConfigError, load_config
 from relloc_env.envs.variation import Variation
+from relloc_env.scenarios import seeds
 from train import checkpoints
 from train.__main__ import app
 from train.config import CONFIGS, PAIR, EnvironmentConfig, TrainConfig, load
@@ -351,12 +353,100 @@ def test_a_search_goes_on_and_leaves_the_best_configuration(tmp_path: Path) -> N
     assert chosen.model_copy(update={"search": {}, "algorithm": config.algorithm, "network": config.network}) == tiny()
 
 
+SIGHT: dict[str, Any] = {
+    "environment": {
+        "robots": 1,
+        "options": {"estimator": "cascade", "max_cycles": 8, "observation": "image", "image_size": [36, 36]},
+    },
+    "network": {"policy": "CnnPolicy", "hidden": [8]},
+    "normalise": {"observations": False},
+}  # fmt: skip
+
+
+def test_a_policy_learns_from_pictures_and_is_played(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    config = tiny(**SIGHT, steps=128)
+    train(config, tmp_path / "whole")
+    write = checkpoints.write
+
+    def stop(path: Path, state: Any) -> None:
+        write(path, state)
+        if state["saved"] == 64:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(checkpoints, "write", stop)
+    with pytest.raises(KeyboardInterrupt):
+        train(config, tmp_path / "stopped")
+    monkeypatch.setattr(checkpoints, "write", write)
+    policy = train(config, tmp_path / "stopped")
+    assert same(weights(tmp_path / "stopped"), weights(tmp_path / "whole"))
+    assert policy.name == "policy.zip"
+    card = json.loads((tmp_path / "stopped" / "policy.json").read_text("utf-8"))
+    name = f"learned:{policy}"
+    with pytest.warns(UserWarning, match="pickle"):
+        scores, _ = play(load_config(None, robots=1, estimator="cascade", max_cycles=8, **needs(name)),
+                         agent(name), seeds("test", 3))  # fmt: skip
+    assert np.mean(scores["information_end"]) == pytest.approx(card["metrics"]["scores"]["information_end"]["value"])
+    with pytest.raises(ValueError, match="needs the field `picture`"), pytest.warns(UserWarning, match="pickle"):
+        agent(name)(Task.of(load_config(None, robots=1, estimator="cascade")))
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"network": {}}, "must be CnnPolicy for `observation: image`"),
+        ({"environment": TINY["environment"]}, "must be CnnPolicy for `observation: image`, and for it alone"),
+        ({"normalise": {}}, "`normalise.observations` must be false"),
+        ({"film": "gif"}, '`film` must be "" for'),
+        ({"environment": SIGHT["environment"] | {"nearest_first": True}}, "must have no `stages`"),
+        ({"environment": SIGHT["environment"] | {"stages": [{"vary": {"targets": [2, 3]}}]}}, "must have no `stages`"),
+        ({"evaluation": {"options": {"observation": "flat"}}}, "must have the same `observation`"),
+    ],
+)
+def test_what_pictures_cannot_be_with_is_said(changes: dict[str, Any], message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        tiny(**SIGHT | changes)
+
+
+def test_a_trial_that_was_stopped_goes_on_from_its_checkpoint(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    config = tiny(search={"algorithm.learning_rate": {"low": 1e-4, "high": 1e-2, "log": True}})
+    whole, stopped = tmp_path / "whole", tmp_path / "stopped"
+    tune(config, 2, whole, lambda _: None)
+    write, written = checkpoints.write, []
+
+    def stop(path: Path, state: Any) -> None:
+        if path.parent.name == "trial-0001" and state["saved"] == 192:
+            raise KeyboardInterrupt
+        written.append((path.parent.name, state["saved"]))
+        write(path, state)
+
+    monkeypatch.setattr(checkpoints, "write", stop)
+    with pytest.raises(KeyboardInterrupt):
+        tune(config, 2, stopped, lambda _: None)
+    before = len(written)
+    assert written[-1] == ("trial-0001", 128)
+
+    def note(path: Path, state: Any) -> None:
+        written.append((path.parent.name, state["saved"]))
+        write(path, state)
+
+    monkeypatch.setattr(checkpoints, "write", note)
+    found: list[str] = []
+    best = tune(config, 2, stopped, found.append)
+    assert written[before:] == [("trial-0001", 192), ("trial-0001", 256), ("trial-0001", 320)]
+    assert len(found) == 1
+    assert same(weights(stopped / "trial-0001"), weights(whole / "trial-0001"))
+    assert best.read_bytes() == (whole / best.name).read_bytes()
+
+
 def test_a_policy_is_evaluated_beside_scripts(tmp_path: Path) -> None:
     options = {"estimator": "cascade"}
     policy = train(tiny(environment={"robots": 1, "options": options}), tmp_path / "run")
     arguments = ["evaluate", str(policy), "--out", str(tmp_path / "out"), "--agents", "edge", "--episodes", "4"]
+    arguments += ["--set", "max_cycles=6", "--set", "robot.lag=[0.2,0.1]"]
     result = CliRunner().invoke(app, [*arguments, "--no-animations", "--cores", "1"])
     assert result.exit_code == 0, result.output
-    summary = (tmp_path / "out" / "summary.json").read_text("utf-8")
-    assert "policy.onnx" in summary
-    assert "edge" in summary
+    assert "policy.onnx" in (tmp_path / "out" / "summary.json").read_text("utf-8")
+    for each in results.load(tmp_path / "out")[1]:
+        config, _ = each.job.configurations()[0]
+        assert (config.robot_of(0).lag, config.max_cycles) == ((0.2, 0.1), 6)
+        assert len(each.time) == 7
