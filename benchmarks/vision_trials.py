@@ -35,6 +35,7 @@ CASES: Mapping[str, tuple[str, Mapping[str, Any]]] = {
     "a lens that distorts": ("", _image(distortion=(-0.25, 0.06, 0.001, -0.001, 0.0))),
     "at the image's border": ("border", {}),
     "partly hidden by a post": ("post", {}),
+    "partly hidden, a tenth of the light": ("post", _image(exposure=0.1)),
     "a post of the same colour": ("alike", {}),
     "a ball of a similar colour": ("similar", {}),
     "320 x 240": ("", {"camera": {"kind": "image", "width": 320, "height": 240, "field_of_view": 62.2}}),
