@@ -20,6 +20,9 @@ if TYPE_CHECKING:
     from relloc_env.rendering.scene import Scene
     from relloc_env.vision.sensor import Sensor
 
+_PIECES = 256
+"""Pieces of a trail that are kept apart, so that those of long drives need not be put together for each picture."""
+
 
 class Picture:
     """Draws environment n of a core, and remembers where its robots went. Without a mode it does nothing.
@@ -46,6 +49,8 @@ class Picture:
             if new:
                 trail.clear()
             trail.append(places[:, r].copy())
+            if len(trail) > _PIECES:
+                trail[:] = [np.concatenate(trail)]
         if self._course is None:
             from relloc_env.rendering.course import Course
 
