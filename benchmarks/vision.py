@@ -18,6 +18,7 @@ from relloc_env.envs.onboard import informed
 from relloc_env.envs.vector import RellocVectorEnv
 from relloc_env.estimators import make, resolve
 from relloc_env.metrics import nees, nees_band, pose_errors
+from relloc_env.pinhole import project
 from relloc_env.samples import Bool, Float
 from relloc_env.scenarios import seeds
 
@@ -76,15 +77,16 @@ def play(config: EnvConfig, name: str, chosen: Sequence[int], actions: int | Non
     length = min(config.max_cycles, actions or config.max_cycles)
     offsets, distances, seen, visible = [], [], [], []
     focal = config.camera_of(0).focal_length
+    mounts = [config.camera_of(r).mount_height for r in range(config.robots)]
     for k in range(length):
         tell(k / length, f"{name}, {n} episodes, {config.camera_of(0).kind}")
         observations = envs.step(policy.act(task.rows(observations)).reshape(n, -1))[0]
         for estimator in chosen_estimators.values():
             estimator.update(simulation.samples, rows)
         samples, poses = simulation.samples, simulation.truth.pose
-        image, depth = project(config, poses, simulation.world.points)
-        offsets.append(focal * (samples.image - image)[samples.seen])
-        distances.append(depth[samples.seen])
+        truth = project(poses, mounts, simulation.world.points[:, None, None])
+        offsets.append(focal * (samples.image - truth[..., :2])[samples.seen])
+        distances.append(truth[..., 2][samples.seen])
         seen.append(samples.seen[:, -1].copy())
         visible.append(simulation.world.visible.copy())
     return Outcome(
@@ -98,16 +100,6 @@ def play(config: EnvConfig, name: str, chosen: Sequence[int], actions: int | Non
             for e, one in chosen_estimators.items()
         },
     )
-
-
-def project(config: EnvConfig, poses: Float, points: Float) -> tuple[Float, Float]:
-    """Normalised image coordinates (N, K, R, M, 2) and depths [m] of targets (N, M, 3) from robots (N, K, R, 3)."""
-    d = points[:, None, None, :, :2] - poses[..., None, :2]
-    cos, sin = np.cos(poses[..., None, 2]), np.sin(poses[..., None, 2])
-    ahead, right = cos * d[..., 0] + sin * d[..., 1], sin * d[..., 0] - cos * d[..., 1]
-    mounts = np.array([config.camera_of(r).mount_height for r in range(config.robots)])
-    down = mounts[:, None] - points[:, None, None, :, 2]
-    return np.stack([right / ahead, down / ahead], axis=-1), ahead
 
 
 def detection_figures(outcome: Outcome) -> dict[str, Any]:

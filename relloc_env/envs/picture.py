@@ -10,6 +10,7 @@ from gymnasium.error import ResetNeeded
 from numpy.typing import NDArray
 
 from relloc_env.metrics import bound_range_sd, nees, nees_band, point_errors, pose_errors
+from relloc_env.pinhole import project
 from relloc_env.rewards import EXCITATION
 from relloc_env.samples import Estimate, Float
 
@@ -19,6 +20,9 @@ if TYPE_CHECKING:
     from relloc_env.rendering.course import Course, Instant
     from relloc_env.rendering.scene import Scene
     from relloc_env.vision.sensor import Sensor
+
+_PIECES = 256
+"""Pieces of a trail that are kept apart, so that those of long drives need not be put together for each picture."""
 
 
 class Picture:
@@ -46,6 +50,8 @@ class Picture:
             if new:
                 trail.clear()
             trail.append(places[:, r].copy())
+            if len(trail) > _PIECES:
+                trail[:] = [np.concatenate(trail)]
         if self._course is None:
             from relloc_env.rendering.course import Course
 
@@ -119,13 +125,6 @@ def scene(core: "Core", n: int, trails: list[Float], course: "Course") -> "Scene
     robots = [config.camera_of(r) for r in range(config.robots)]
     cameras = [CameraGeometry.of(camera) for camera in robots]
     poses, points = world.pose[n], world.points[n]
-    heading = poses[:, 2, None]
-    d = points[None, :, :2] - poses[:, None, :2]
-    ahead = np.cos(heading) * d[..., 0] + np.sin(heading) * d[..., 1]
-    right = np.sin(heading) * d[..., 0] - np.cos(heading) * d[..., 1]
-    down = np.array([camera.mount_height for camera in robots])[:, None] - points[None, :, 2]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        image = np.stack([right / ahead, down / ahead], axis=-1)
     half = None if config.arena is None else (0.5 * config.arena[0], 0.5 * config.arena[1])
     return Scene(
         time=float(world.tick[n]) * config.sample_period,
@@ -133,7 +132,7 @@ def scene(core: "Core", n: int, trails: list[Float], course: "Course") -> "Scene
         points=points.copy(),
         colours=target_colours(config.targets),
         cameras=cameras,
-        true_image=image,
+        true_image=project(poses, [camera.mount_height for camera in robots], points)[..., :2],
         in_view=world.visible[n].copy(),
         image=samples.image[n, -1].astype(np.float64),
         seen=samples.seen[n, -1].copy(),

@@ -13,7 +13,8 @@ from relloc_env.kernels._compile import inlined, inner
 from relloc_env.kernels.world import DISC
 
 LAYER = 6
-"""Numbers of an upright part of a column: depth, upper and lower end as image coordinates, colour."""
+"""Numbers of an upright part of a column: depth, upper and lower end as image coordinates, colour. What a column lacks
+ends above where it begins, and so covers nothing."""
 WALL_HEIGHT = 2.5
 WALL = (196.0, 194.0, 186.0)
 LIGHT = (0.36, -0.48, 0.8)
@@ -33,22 +34,23 @@ def share(low, high, top, bottom):
 
 
 @inlined
-def free(layers, count, z, low, high):
-    """Share of an interval of a column that nothing upright before the depth z hides."""
+def free(layers, c, z, low, high):
+    """Share of an interval of column c that nothing upright before the depth z hides."""
     left = 1.0
-    for k in range(count):
-        if layers[k, 0] >= z:
+    for k in range(layers.shape[0]):
+        if layers[k, 0, c] >= z:
             break
-        left -= left * share(low, high, layers[k, 1], layers[k, 2])
+        left -= left * share(low, high, layers[k, 1, c], layers[k, 2, c])
     return left
 
 
 @inner
-def columns_of(layers, counts, columns, pose, mount, half_x, half_y, bodies, body_paints, obstacles, paints):
+def columns_of(layers, spans, columns, pose, mount, half_x, half_y, bodies, body_paints, obstacles, paints):
     """Find the upright parts of every column.
 
     Args:
-        layers, counts: (C, L, LAYER) and int64 (C,), written.
+        layers: (L, LAYER, C), written: in each column the nearest part first.
+        spans: int64 (L, 2), written: the columns that have so many parts are from the first to before the second.
         columns: (2,) ray of the first column, and the step to the next.
         pose: [m, m, rad] (3,) of the camera, and its height `mount`.
         half_x, half_y: half the size of the arena; infinite for an open floor.
@@ -56,9 +58,10 @@ def columns_of(layers, counts, columns, pose, mount, half_x, half_y, bodies, bod
         obstacles: (O, 7), see `kernels.world`; `paints` (O, 3) their colours.
     """
     x, y, cos, sin = pose[0], pose[1], math.cos(pose[2]), math.sin(pose[2])
-    for c in range(counts.shape[0]):
+    spans[:, 0], spans[:, 1] = layers.shape[2], 0
+    for c in range(layers.shape[2]):
         ray = columns[0] + c * columns[1]
-        d_x, d_y, here = cos + sin * ray, sin - cos * ray, layers[c]
+        d_x, d_y, here = cos + sin * ray, sin - cos * ray, layers[:, :, c]
         count = _add_wall(here, 0, x, y, d_x, d_y, mount, half_x, half_y)
         for k in range(bodies.shape[0]):
             b = bodies[k]
@@ -69,7 +72,11 @@ def columns_of(layers, counts, columns, pose, mount, half_x, half_y, bodies, bod
                 count = _add_disc(here, count, x, y, d_x, d_y, mount, b[1], b[2], b[3], b[6], paints[o])
             else:
                 count = _add_box(here, count, x, y, d_x, d_y, mount, b, paints[o])
-        counts[c] = count
+        for k in range(layers.shape[0]):
+            if k < count:
+                spans[k, 0], spans[k, 1] = min(spans[k, 0], c), c + 1
+            else:
+                here[k, 0], here[k, 1], here[k, 2] = np.inf, np.inf, -np.inf
 
 
 @inner

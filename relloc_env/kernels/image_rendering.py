@@ -13,7 +13,7 @@ import math
 import numpy as np
 
 from relloc_env.kernels._compile import inlined, inner, kernel
-from relloc_env.kernels.image_columns import columns_of, free, shade, share
+from relloc_env.kernels.image_columns import columns_of, free, shade
 from relloc_env.kernels.lanes import natural
 from relloc_env.kernels.motion import advance
 from relloc_env.kernels.streams import mix
@@ -21,8 +21,12 @@ from relloc_env.kernels.streams import mix
 FLOOR, SKY = (176.0, 172.0, 164.0), (212.0, 216.0, 220.0)
 WHITE = 235.0
 """Of tags."""
-HORIZON = 1e-4
+HORIZON = np.float32(1e-4)
 """Image coordinate below which the floor is."""
+CHECKER, JOINT, NEAR_JOINT = np.float32(0.02), np.float32(0.08), np.float32(0.48)
+"""How much the tiles of the floor differ from its mean brightness, and their joints; where these begin, in tiles from
+the middle of one."""
+NOTHING, HALF, MOST = np.float32(0.0), np.float32(0.5), np.float32(255.0)
 REACH = 1.5
 """Of a sphere that a square tag fits in, in half edges of the tag with its border."""
 _GOLDEN = np.uint64(0x9E3779B97F4A7C15)
@@ -44,7 +48,7 @@ def render(
     out, places, steps, rays, column_of, columns, intrinsics, lens, poses, velocities, robot, shutter, mounts,
     half_x, half_y,
     sizes, paints_of_robots, obstacles, paints, points, target_size, colours, cells, gains, sd, normals, seeds,
-    layers, counts, targets, order, line, total, shine,
+    layers, spans, targets, order, line, total, shine,
 ):  # fmt: skip
     """Take P pictures.
 
@@ -69,16 +73,17 @@ def render(
         target_size: radius of the spheres, or half the edge of the tags with their white border.
         colours: (M, 3) of spheres.
         cells: float32 (M, T, T) from 0 for black to 1 for white, of tags; T = 0 for spheres.
-        gains: (3 W,) of the channels of a row.
+        gains: (3,) of the channels.
         sd: [levels] standard deviation of the noise.
         normals: float32, standard normal numbers, more than 3 W; each row of a picture takes a stretch.
         seeds: uint64 (P,) of the noise.
-        layers, counts, targets, order, line, total: (B, C, L, LAYER) with L of at least R + O, int64 (B, C), (B, M, 8),
-            int64 (B, M), (3 W,) twice, (W,): room to work in.
+        layers, spans, targets, order, line, total, shine: float32 (B, L, LAYER, C) with L of at least R + O, int64
+            (B, L, 2), (B, M, 8), int64 (B, M), float32 (3, W) twice, float32 (W,): room to work in.
     """
     moments, height, width = layers.shape[0], rays.shape[0], rays.shape[2]
     bodies, body_paints = np.zeros((poses.shape[1] - 1, 4)), np.zeros((poses.shape[1] - 1, 3))
     views, mount, half = np.zeros((moments, 5)), mounts[robot], 0.5 / intrinsics[1]
+    straight, weight = not lens.any(), np.float32(1.0 / moments)
     for p in range(poses.shape[0]):
         for b in range(moments):
             t, k = shutter * ((b + 0.5) / moments - 0.5), 0
@@ -94,7 +99,7 @@ def render(
                         body_paints[k, channel] = paints_of_robots[r, channel]
                     k += 1
             columns_of(
-                layers[b], counts[b], columns, views[b], mount, half_x, half_y, bodies, body_paints, obstacles, paints
+                layers[b], spans[b], columns, views[b], mount, half_x, half_y, bodies, body_paints, obstacles, paints
             )
             _place(targets[b], order[b], points[p], target_size, views[b], mount, intrinsics, lens)
         for i in range(height):
@@ -102,20 +107,20 @@ def render(
                 total[:] = 0.0
             for b in range(moments):
                 here = total if moments == 1 else line
-                _background(here, rays[i], column_of[i], layers[b], counts[b], views[b], half, shine)
+                _ground(here, shine, rays[i], views[b], straight)
+                _upright(here, shine, rays[i], column_of[i], layers[b], spans[b], half, straight)
                 for k in range(points.shape[1]):
                     m = order[b, k]
                     target = targets[b, m]
                     if target[4] <= i <= target[5]:
                         if cells.shape[1] > 0:
-                            _tag(here, rays[i], column_of[i], layers[b], counts[b], target, cells[m], half)
+                            _tag(here, rays[i], column_of[i], layers[b], target, cells[m], half)
                         else:
-                            _sphere(
-                                here, rays[i], column_of[i], layers[b], counts[b], target, colours[m], half, views[b]
-                            )
+                            _sphere(here, rays[i], column_of[i], layers[b], target, colours[m], half, views[b])
                 if moments > 1:
-                    for j in range(3 * width):
-                        total[j] += line[j] / moments
+                    for channel in range(3):
+                        for j in range(width):
+                            total[channel, j] += line[channel, j] * weight
             start = places[p] + i * steps[0]
             _expose(out, start, steps, total, gains, sd, normals, seeds[p] + np.uint64(i) * _GOLDEN)
 
@@ -152,47 +157,56 @@ def _place(targets, order, points, size, view, mount, intrinsics, lens):
 
 
 @inner
-def _background(line, rays, column_of, layers, counts, view, half, shine):
-    """Put a row of the picture but for the targets into `line` (3 W,); `half` is half a pixel's height as a ray."""
-    _ground(shine, rays, view)
-    for j in range(column_of.shape[0]):
-        y, c = float(rays[1, j]), natural(column_of[j])
-        low, high = y - half, y + half
-        red, green, blue, left = 0.0, 0.0, 0.0, 1.0
-        for k in range(counts[c]):
-            top, bottom = layers[c, k, 1], layers[c, k, 2]
-            if high > top and low < bottom:
-                part = left if low >= top and high <= bottom else left * share(low, high, top, bottom)
-                red, green = red + part * layers[c, k, 3], green + part * layers[c, k, 4]
-                blue += part * layers[c, k, 5]
-                left -= part
-                if left < 1e-3:
-                    break
-        if left >= 1e-3:
-            bright = left * shine[j]
-            if y > HORIZON:
-                red, green, blue = red + bright * FLOOR[0], green + bright * FLOOR[1], blue + bright * FLOOR[2]
-            else:
-                red, green, blue = red + bright * SKY[0], green + bright * SKY[1], blue + bright * SKY[2]
-        line[3 * j], line[3 * j + 1], line[3 * j + 2] = red, green, blue
+def _ground(line, shine, rays, view, straight):
+    """Put the floor, tiles of two shades with joints every metre, and the sky of a row into `line` (3, W)."""
+    p_x, p_y, cos, sin = np.float32(view[0]), np.float32(view[1]), np.float32(view[3]), np.float32(view[4])
+    if straight and rays[1, 0] <= HORIZON:
+        shine[:] = rays[3]
+    else:
+        for j in range(shine.shape[0]):
+            x, z = rays[0, j], rays[2, j]
+            w_x, w_y = p_x + z * (cos + sin * x), p_y + z * (sin - cos * x)
+            a, b = np.floor(w_x), np.floor(w_y)
+            odd = HALF * (a + b)
+            checker = CHECKER if odd == np.floor(odd) else -CHECKER
+            joint = JOINT if max(abs(w_x - a - HALF), abs(w_y - b - HALF)) > NEAR_JOINT else NOTHING
+            shine[j] = rays[3, j] + rays[4, j] * (checker - joint)
+    for channel in range(3):
+        floor, sky, light = np.float32(FLOOR[channel]), np.float32(SKY[channel]), line[channel]
+        for j in range(light.shape[0]):
+            light[j] = shine[j] * (floor if rays[1, j] > HORIZON else sky)
 
 
 @inner
-def _ground(shine, rays, view):
-    """Brightness of the floor or the sky in a row: tiles of two shades with joints, every metre."""
-    p_x, p_y, cos, sin = view[0], view[1], view[3], view[4]
-    for j in range(shine.shape[0]):
-        x, z = float(rays[0, j]), float(rays[2, j])
-        w_x, w_y = p_x + z * (cos + sin * x), p_y + z * (sin - cos * x)
-        a, b = np.floor(w_x), np.floor(w_y)
-        odd = 0.5 * (a + b)
-        checker = 0.02 if odd == np.floor(odd) else -0.02
-        joint = 0.08 if max(abs(w_x - a - 0.5), abs(w_y - b - 0.5)) > 0.48 else 0.0
-        shine[j] = rays[3, j] + rays[4, j] * (checker - joint)
+def _upright(line, part, rays, column_of, layers, spans, half, straight):
+    """Blend a row of what is upright into `line` (3, W), farthest first; `half` is half a pixel's height as a ray.
+
+    One loop finds the parts of the pixels that are covered, `part` (W,); three blend the colours.
+    """
+    half = np.float32(half)
+    per = HALF / half
+    for k in range(layers.shape[0] - 1, -1, -1):
+        first, last = spans[k, 0], spans[k, 1]
+        if straight and first < last:  # pixels are their columns
+            y, top, bottom = rays[1, first:last], layers[k, 1, first:last], layers[k, 2, first:last]
+            cover = part[first:last]
+            for j in range(cover.shape[0]):
+                cover[j] = max(min(y[j] + half, bottom[j]) - max(y[j] - half, top[j]), NOTHING) * per
+            for channel in range(3):
+                light, paint = line[channel, first:last], layers[k, 3 + channel, first:last]
+                for j in range(cover.shape[0]):
+                    light[j] += cover[j] * (paint[j] - light[j])
+        elif first < last:
+            for j in range(part.shape[0]):
+                c, y_j = natural(column_of[j]), rays[1, j]
+                part[j] = max(min(y_j + half, layers[k, 2, c]) - max(y_j - half, layers[k, 1, c]), NOTHING) * per
+            for channel in range(3):
+                for j in range(part.shape[0]):
+                    line[channel, j] += part[j] * (layers[k, 3 + channel, natural(column_of[j])] - line[channel, j])
 
 
 @inner
-def _sphere(line, rays, column_of, layers, counts, target, paint, half, view):
+def _sphere(line, rays, column_of, layers, target, paint, half, view):
     """Blend a row of a sphere into `line`; `target` as of `_place`."""
     X, Y, Z, radius, cos, sin = target[0], target[1], target[2], target[3], view[3], view[4]
     k = X * X + Y * Y + Z * Z - radius * radius
@@ -203,18 +217,17 @@ def _sphere(line, rays, column_of, layers, counts, target, paint, half, view):
         g_x, g_y = 2.0 * (dot * X - x * k), 2.0 * (dot * Y - y * k)
         cover = min(0.5 + 0.5 * inside / (half * math.sqrt(g_x * g_x + g_y * g_y + 1e-30)), 1.0)
         if cover > 0.0:
-            c = natural(column_of[j])
-            cover *= free(layers[c], counts[c], Z, y - half, y + half)
+            cover *= free(layers, natural(column_of[j]), Z, y - half, y + half)
             at = (dot - math.sqrt(max(inside, 0.0))) / square
             right, down, ahead = at * x - X, at * y - Y, at - Z
             size = 1.0 / math.sqrt(right * right + down * down + ahead * ahead)
             bright = shade((ahead * cos + right * sin) * size, (ahead * sin - right * cos) * size, -down * size)
             for channel in range(3):
-                line[3 * j + channel] += cover * (bright * paint[channel] - line[3 * j + channel])
+                line[channel, j] += cover * (bright * paint[channel] - line[channel, j])
 
 
 @inner
-def _tag(line, rays, column_of, layers, counts, target, cells, half):
+def _tag(line, rays, column_of, layers, target, cells, half):
     """Blend a row of an upright square tag that faces the camera; `target` as of `_place`."""
     X, Y, Z, reach = target[0], target[1], target[2], target[3]
     distance, count = math.sqrt(X * X + Z * Z), cells.shape[0]
@@ -232,25 +245,30 @@ def _tag(line, rays, column_of, layers, counts, target, cells, half):
                     total += cells[np.int64(0.5 * (v + 1.0) * count), np.int64(0.5 * (u + 1.0) * count)]
                     hits += 1
         if hits > 0:
-            c = natural(column_of[j])
-            cover = hits / 16.0 * free(layers[c], counts[c], Z, y - half, y + half)
+            cover = hits / 16.0 * free(layers, natural(column_of[j]), Z, y - half, y + half)
             for channel in range(3):
-                line[3 * j + channel] += cover * (WHITE * total / hits - line[3 * j + channel])
+                line[channel, j] += cover * (WHITE * total / hits - line[channel, j])
 
 
 @inner
 def _expose(out, start, steps, line, gains, sd, normals, seed):
-    """Turn a row of light into levels: gain of each channel, noise, clipping; `gains` (3 W,)."""
-    at = natural(np.int64(mix(seed) % np.uint64(normals.shape[0] - line.shape[0])))
-    for k in range(line.shape[0]):
-        value = line[k] * gains[k] + sd * normals[at + k] + 0.5
-        line[k] = min(max(value, 0.0), 255.0)
-    start = natural(start)
-    if steps[1] == 3:
-        for k in range(line.shape[0]):
-            out[start + k] = np.uint8(np.int32(line[k]))
-    else:
-        step = natural(steps[2])
-        for j in range(line.shape[0] // 3):
-            for channel in range(3):
-                out[start + j + channel * step] = np.uint8(np.int32(line[3 * j + channel]))
+    """Turn a row of light (3, W) into levels: gain of each channel, noise, clipping."""
+    width = line.shape[1]
+    at, sd = np.int64(mix(seed) % np.uint64(normals.shape[0] - line.size)), np.float32(sd)
+    for channel in range(3):
+        gain, light, noise = np.float32(gains[channel]), line[channel], normals[at : at + width]
+        if steps[1] == 1:
+            levels = out[start : start + width]
+            for j in range(width):
+                levels[j] = _level(gain * light[j] + sd * noise[j])
+        else:
+            spread = out[start : start + 3 * width : 3]
+            for j in range(width):
+                spread[j] = _level(gain * light[j] + sd * noise[j])
+        at, start = at + width, start + steps[2]
+
+
+@inlined
+def _level(light):
+    """The nearest level."""
+    return np.uint8(np.int32(min(max(light + HALF, NOTHING), MOST)))

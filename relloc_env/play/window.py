@@ -23,6 +23,8 @@ HELP = (
     ("Esc", "end"),
 )
 """Keys and what they do."""
+MOST = 10
+"""Samples that are made up for between two pictures; after a longer halt the time is lost."""
 _TURN = 1.25
 """What a key press multiplies a gain by."""
 
@@ -60,8 +62,13 @@ class Window:
         self._sticks = Sticks(session.config.robots)
         self._commands = self._keys()
 
-    def tick(self) -> None:
-        """Obey what happened since the last call, drive for one sample, and show it."""
+    def tick(self, samples: int = 1, watch: Callable[[Any], object] | None = None) -> None:
+        """Obey what happened since the last call, drive for so many samples, and show the last.
+
+        Args:
+            samples: to drive for, unless paused.
+            watch: called with the scene after each.
+        """
         pygame = self._pygame
         for event in pygame.event.get():
             self._sticks.take(event)
@@ -76,8 +83,10 @@ class Window:
                 self._renderer = self._make(self._size, theme=self._theme)
         if self.closed:
             return
-        if not self.paused:
+        for _ in range(0 if self.paused else samples):
             self._session.step(self._sticks.action())
+            if watch is not None:
+                watch(self._session.scene())
         picture = self._renderer.draw(replace(self._session.scene(), notes=self._notes()))
         assert picture is not None
         self._surface = pygame.display.get_surface()
@@ -128,6 +137,8 @@ def play(
 ) -> None:
     """Open a window on a session until it is closed, in real time; then finish the session.
 
+    Where drawing takes longer than a sample, the robots keep their speed, and not every sample is shown.
+
     Args:
         session: what is driven.
         size: [px] of the window.
@@ -140,13 +151,13 @@ def play(
     window = Window(session, size, theme)
     import pygame
 
-    clock = pygame.time.Clock()
+    clock, rate, behind = pygame.time.Clock(), session.config.sample_rate, 0.0
     try:
         while not window.closed:
-            window.tick()
-            if watch is not None and not window.paused:
-                watch(session.scene())
-            clock.tick(session.config.sample_rate)
+            behind = min(behind + 1e-3 * clock.tick(rate) * rate, MOST)
+            samples = round(behind)
+            window.tick(samples, watch)
+            behind -= samples
     finally:
         window.close()
         session.finish()

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from relloc_env.pinhole import project
 from relloc_env.rendering import geometry
 from relloc_env.rendering.canvas import Box, Canvas
 from relloc_env.rendering.scene import CameraGeometry, Scene
@@ -153,13 +154,13 @@ def _silhouette_of_disc(pose: Float, mount: float, centre: Float, radius: float,
     rim = np.empty((len(around), 3))
     rim[:, 0], rim[:, 1] = centre[0] + radius * np.cos(around), centre[1] + radius * np.sin(around)
     rim[: len(turn), 2], rim[len(turn) :, 2] = 0.0, height
-    return geometry.project(pose, mount, rim)[:, :2]
+    return project(pose, mount, rim)[:, :2]
 
 
 def _silhouette_of_box(pose: Float, mount: float, box: Float) -> Float:
     """(T, 2) image of an upright box."""
     ground = np.concatenate([geometry.box_corners(box), np.zeros((4, 1))], axis=1)
-    seen = geometry.project(pose, mount, np.concatenate([ground, ground + np.array([0.0, 0.0, box[6]])]))
+    seen = project(pose, mount, np.concatenate([ground, ground + np.array([0.0, 0.0, box[6]])]))
     return _hull(seen[:, :2]) if (seen[:, 2] > _NEAREST).all() else np.zeros((0, 2))
 
 
@@ -184,7 +185,7 @@ def _draw_true(
     canvas: Canvas, frame: ImageFrame, scene: Scene, robot: int, place: int, theme: Theme, ui: float
 ) -> None:
     """Draw a true point: solid; pale where it is inside the image but hidden."""
-    at = geometry.project(scene.poses[robot], scene.cameras[robot].mount, scene.points[place][None])[0]
+    at = project(scene.poses[robot], scene.cameras[robot].mount, scene.points[place][None])[0]
     if at[2] < _NEAREST:
         return
     red, green, blue = scene.colours[place].tolist()

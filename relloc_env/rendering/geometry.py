@@ -105,13 +105,6 @@ def polar_image(beta: Float, eta: Float) -> Float:
     return image
 
 
-def project(pose: Float, mount: float, points: Float) -> Float:
-    """Return (T, 3) normalised image x, y and depth [m] of (T, 3) world points; x and y hold for depths > 0."""
-    body = to_body(pose, points)
-    depth = np.where(np.abs(body[:, 0]) < 1e-9, 1e-9, body[:, 0])
-    return np.stack([-body[:, 1] / depth, (mount - points[:, 2]) / depth, body[:, 0]], axis=1)
-
-
 def bounds(scene: Scene) -> tuple[float, float, float, float]:
     """What the map shows [m]: the arena, or everything true so far, in whole steps so that it rarely changes."""
     if scene.arena is not None:

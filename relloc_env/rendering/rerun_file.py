@@ -23,6 +23,8 @@ _CAMERA = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 """Columns: right, down and ahead of a camera in the body, whose x is ahead and z up."""
 _WIDEST = 320
 """[px] width of the pictures that are kept."""
+_EYE = np.array([-0.9, -1.1, 1.1])
+"""Where the viewer looks at the targets from, in distances of the farther robot from their middle."""
 _FLAT = 0.01
 """[m] half height of regions in the plane."""
 
@@ -263,7 +265,10 @@ def _blueprint(scene: Scene) -> Any:
         for robot in range(len(scene.cameras))
     ]
     numbers = [rrb.TimeSeriesView(origin=_slug(label), name=label) for label in labels]
-    world = rrb.Spatial3DView(origin="world", name="world")
+    centre = np.append(scene.points[:, :2].mean(axis=0), 0.0)
+    reach = float(np.hypot(*(scene.poses[:, :2] - centre[:2]).T).max())
+    eye = rrb.EyeControls3D(position=centre + reach * _EYE, look_target=centre, eye_up=[0.0, 0.0, 1.0])
+    world = rrb.Spatial3DView(origin="world", name="world", eye_controls=eye)
     right = rrb.Vertical(rrb.Horizontal(*cameras), *numbers, row_shares=[2.0] + [1.0] * len(numbers))
     return rrb.Blueprint(rrb.Horizontal(world, right, column_shares=[3.0, 2.0]), collapse_panels=True)
 

@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from relloc_env.parameters import pack_obstacles
+from relloc_env.pinhole import project
 from relloc_env.rendering.course import Course, Instant
 from relloc_env.rendering.scene import CameraGeometry, Scene, target_colours
 from relloc_env.replay.scores import NEES_BAND
 from relloc_env.replay.settings import environment_of
-from relloc_env.samples import Estimate, Float, ordered_pairs
+from relloc_env.samples import Estimate, ordered_pairs
 
 if TYPE_CHECKING:
     from relloc_env.replay.run import Run
@@ -53,7 +54,6 @@ def scenes(run: "Run", period: float = 0.25) -> Iterator[Scene]:
             continue
         due = time + period - 1e-6
         course.add(_instant(run, k, time))
-        image = _images(truth.poses[k], points, cameras)
         seen = log.samples.seen[0, k][:, shown]
         yield Scene(
             time=time,
@@ -61,7 +61,7 @@ def scenes(run: "Run", period: float = 0.25) -> Iterator[Scene]:
             points=points,
             colours=target_colours(len(points)),
             cameras=cameras,
-            true_image=image,
+            true_image=project(truth.poses[k], [camera.mount for camera in cameras], points)[..., :2],
             in_view=seen,
             image=log.samples.image[0, k][:, shown].astype(np.float64),
             seen=seen,
@@ -78,18 +78,6 @@ def scenes(run: "Run", period: float = 0.25) -> Iterator[Scene]:
             horizon=float(log.time[-1] - log.time[0]) or 1.0,
             title=f"{log.name}, {run.estimator}",
         )  # fmt: skip
-
-
-def _images(poses: Float, points: Float, cameras: list[CameraGeometry]) -> Float:
-    """(R, M, 2) normalised images of the true points; read only ahead of a camera."""
-    images = np.zeros((len(poses), len(points), 2))
-    for r, (pose, camera) in enumerate(zip(poses, cameras, strict=True)):
-        cos, sin = math.cos(pose[2]), math.sin(pose[2])
-        d = points[:, :2] - pose[:2]
-        ahead, right = cos * d[:, 0] + sin * d[:, 1], sin * d[:, 0] - cos * d[:, 1]
-        with np.errstate(divide="ignore", invalid="ignore"):
-            images[r] = np.stack([right, camera.mount - points[:, 2]], axis=1) / ahead[:, None]
-    return images
 
 
 def _instant(run: "Run", k: int, time: float) -> Instant:

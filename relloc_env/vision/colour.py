@@ -15,8 +15,11 @@ from relloc_env.vision.protocol import Detections, Detector, Picture, View
 
 SATURATION = 96
 """Least saturation (of 255) of a target's pixels; the world around is greyer."""
-BRIGHTNESS = 30
-"""Least greatest channel (of 255) of a target's pixels."""
+BRIGHTNESS, OF_LIGHT = 30, 0.3
+"""Least greatest channel (of 255) of a target's pixels, or as much of that of the picture's median if it is less."""
+DARK, NIGHT = 45, 12
+"""Greatest channel of the picture's median below which colours are told from neighbouring pixels together, since noise
+has colours; and below which nothing is."""
 HUE = 10.0
 """Greatest difference of hue (of 256) from a target's colour; less where colours are closer than twice that."""
 LEAST_AREA = 12
@@ -73,8 +76,9 @@ class ColourDetector:
     def detect(self, picture: Picture) -> Detections:
         """Find targets in a picture, uint8 (H, W, 3) RGB."""
         found: list[tuple[Float, float, int]] = []
-        for blob in self._blobs(picture):
-            sight = self._measure(picture, blob)
+        white = np.median(picture[4::8, 4::8].reshape(-1, 3), axis=0)
+        for blob in self._blobs(picture, white):
+            sight = self._measure(picture, blob, dark=white.max() < DARK)
             if sight is not None:
                 found.append((*sight, blob.colour))
         if not found:
@@ -86,10 +90,16 @@ class ColourDetector:
             np.array([score for _, score, _ in found]),
         )
 
-    def _blobs(self, picture: Picture) -> list[Blob]:
+    def _blobs(self, picture: Picture, white: Float) -> list[Blob]:
         """Patches of the targets' colours."""
-        hsv = cv2.cvtColor(_balanced(picture), cv2.COLOR_RGB2HSV_FULL)
-        vivid = cv2.inRange(hsv, (0, SATURATION, BRIGHTNESS), (255, 255, 255))
+        light = float(white.max())
+        if light < NIGHT:
+            return []
+        balanced = _balanced(picture, white)
+        if light < DARK:
+            balanced = np.asarray(cv2.blur(balanced, (3, 3)), np.uint8)
+        hsv = cv2.cvtColor(balanced, cv2.COLOR_RGB2HSV_FULL)
+        vivid = cv2.inRange(hsv, (0, SATURATION, min(BRIGHTNESS, OF_LIGHT * light)), (255, 255, 255))
         left, top, width, height = cv2.boundingRect(vivid)
         if width == 0:
             return []
@@ -106,7 +116,7 @@ class ColourDetector:
                     blobs.append(Blob((left + x, top + y, w, h), inside, colour))
         return blobs
 
-    def _measure(self, picture: Picture, blob: Blob) -> tuple[Float, float] | None:
+    def _measure(self, picture: Picture, blob: Blob, *, dark: bool) -> tuple[Float, float] | None:
         """Where the centre of the sphere behind a patch is projected [-] (2,), and its size [px]; None for none."""
         x, y, w, h = blob.box
         width, height = self._view.width, self._view.height
@@ -119,6 +129,8 @@ class ColourDetector:
         weight = cover * self._areas[part]
         area = float(weight.sum())
         rim = (cover > 0.1) & (cover < 0.9)
+        if dark:  # noise makes pixels within look half covered
+            rim &= cv2.erode(inside, _SQUARE) == 0
         edge = (rays[rim], cover[rim] - 0.5, 1.0 / float(self._view.intrinsics[0]))
         size = float(cover.sum())
         if x > 0 and y > 0 and x + w < width and y + h < height:
@@ -130,7 +142,7 @@ class ColourDetector:
             d = rays - centre
             spread, expected = np.einsum("ij,ijk,ijl->kl", weight, d, d) / area, moments(p, q)
             soft = rim.sum() / math.sqrt(4.0 * math.pi * size)
-            if soft > BLURRED and np.linalg.norm(spread - expected) < SMEARED * np.linalg.norm(expected):
+            if not dark and soft > BLURRED and np.linalg.norm(spread - expected) < SMEARED * np.linalg.norm(expected):
                 return p, on * size
         return _part(edge, area, size)
 
@@ -146,10 +158,9 @@ def _part(edge: tuple[Float, Float, float], area: float, size: float) -> tuple[F
     return p, float(on.mean()) * size
 
 
-def _balanced(picture: Picture) -> Picture:
-    """The picture as if the light were white: most of the world is grey."""
-    middle = np.median(picture[4::8, 4::8].reshape(-1, 3), axis=0)
-    gains = middle.max() / np.maximum(middle, 1.0)
+def _balanced(picture: Picture, white: Float) -> Picture:
+    """The picture as if the light were white, which is what most of the world looks like."""
+    gains = white.max() / np.maximum(white, 1.0)
     if gains.max() < 1.08:
         return picture
     levels = np.minimum(np.arange(256)[:, None] * gains, 255.0)

@@ -72,11 +72,12 @@ class Sensor:
             _tags(m) if tags else np.zeros((m, 0, 0), np.float32),
         )
         gains = image.exposure * np.array(image.white_balance)
-        self._light = (np.tile(gains, view.width), image.noise, _normals())
+        self._light = (gains, image.noise, _normals())
         self._room = (
-            np.zeros((moments, count, len(robots) + len(obstacles), LAYER)), np.zeros((moments, count), np.int64),
+            np.zeros((moments, len(robots) + len(obstacles), LAYER, count), np.float32),
+            np.zeros((moments, len(robots) + len(obstacles), 2), np.int64),
             np.zeros((moments, m, 8)), np.zeros((moments, m), np.int64),
-            np.zeros(3 * view.width), np.zeros(3 * view.width), np.zeros(view.width),
+            *(np.zeros(shape, np.float32) for shape in ((3, view.width), (3, view.width), (view.width,))),
         )  # fmt: skip
 
     def take(

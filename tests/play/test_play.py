@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from relloc_env.logs import read_log
-from relloc_env.play import Session
+from relloc_env.play import Session, play
 from relloc_env.play.window import Window
 from relloc_env.replay import replay
 
@@ -60,6 +60,27 @@ def test_keys_drive_and_the_drive_is_replayed(window: Window, tmp_path: Path) ->
     (run,) = result.runs["cascade"]
     assert run.trace.pose.shape == (61, 2, 3)
     assert (tmp_path / "replay" / "replay.json").is_file()
+
+
+def test_slow_pictures_do_not_slow_the_robots(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pictures that take 120 ms each, then one of a minute: time keeps its rate, but for the rest of the minute."""
+
+    class Clock:
+        lasting = iter([50, *[120] * 10, 60_000])
+
+        def tick(self, rate: float) -> int:
+            assert rate == 20.0
+            took = next(self.lasting, None)
+            if took is None:
+                pygame.event.post(pygame.event.Event(pygame.QUIT))
+            return took or 0
+
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    monkeypatch.setattr("pygame.time.Clock", Clock)
+    session, seen = Session(estimator="cascade", seed=4, arena=None, shield=None), list[float]()
+    play(session, size=(480, 270), watch=lambda scene: seen.append(scene.time))
+    assert len(seen) == round((0.05 + 1.2) / 0.05) + 10
+    assert seen == pytest.approx(0.05 * np.arange(1, len(seen) + 1))
 
 
 def test_a_replay_believes_what_the_driver_saw(window: Window) -> None:

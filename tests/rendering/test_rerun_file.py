@@ -1,11 +1,14 @@
 """Recordings for Rerun read back by Rerun's own reader: what is where, when."""
 
+import io
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from PIL import Image
 
+from relloc_env.play import Session
 from relloc_env.rendering.geometry import axes, in_space
 from relloc_env.rendering.rerun_file import RerunFile, recorder
 from tests.rendering.scenes import columns_of, random_scene
@@ -69,6 +72,37 @@ def test_believed_places_and_regions(tmp_path: Path) -> None:
     assert other["Transform3D:translation"][0] == pytest.approx([*scene.estimate.pose[0, :2], 0.0], rel=1e-5)
     area = np.prod(sorted(rows["/world/robot_a/believed/robot_b_region"][scene.time]["Ellipsoids3D:half_sizes"][0])[1:])
     assert area == pytest.approx(4.0 * np.sqrt(np.linalg.det(scene.estimate.pose_covariance[0, :2, :2])), rel=1e-4)
+
+
+def test_frames_lead_from_the_world_into_the_pictures(tmp_path: Path) -> None:
+    """Through the transforms in the file, targets come where its picture, taken by a camera, has their colour."""
+    session = Session(camera="image", marker={"radius": 0.25}, estimator="cascade", seed=4, arena=(12.0, 12.0))
+    session.step(np.array([[1.0, 0.3], [0.6, -0.5]]))
+    scene = session.scene()
+    with RerunFile(tmp_path / "a.rrd") as file:
+        file.add(scene)
+    rows, looked = read(tmp_path / "a.rrd"), 0
+    world = np.array(rows["/world/points"][None]["Points3D:positions"])
+    for r, name in enumerate(("robot_a", "robot_b")):
+        body, camera = rows[f"/world/{name}"][scene.time], rows[f"/world/{name}/camera"][None]
+        angle, lens = scene.poses[r, 2], rows[f"/world/{name}/camera/image"][None]
+        assert body["Transform3D:rotation_axis_angle"][0]["angle"] == pytest.approx(angle, rel=1e-6)
+        turn = np.array([[np.cos(angle), -np.sin(angle), 0.0], [np.sin(angle), np.cos(angle), 0.0], [0.0, 0.0, 1.0]])
+        in_body = (world - body["Transform3D:translation"][0]) @ turn
+        mat = np.array(camera["Transform3D:mat3x3"][0]).reshape(3, 3).T  # columns one after the other
+        in_camera = (in_body - camera["Transform3D:translation"][0]) @ mat
+        pixels = in_camera @ np.array(lens["Pinhole:image_from_camera"][0]).reshape(3, 3)
+        pixels = pixels[:, :2] / pixels[:, 2:]
+        jpeg = rows[f"/world/{name}/camera/image"][scene.time]["EncodedImage:blob"][0]
+        picture = np.asarray(Image.open(io.BytesIO(bytes(jpeg))), float)
+        for m in np.flatnonzero(scene.in_view[r]):
+            x, y = pixels[m].astype(int)
+            patch = picture[y - 9 : y + 10, x - 9 : x + 10].reshape(-1, 3)  # with a cross on it, where it was found
+            hue, painted = patch - patch.mean(axis=1, keepdims=True), scene.colours[m] - scene.colours[m].mean()
+            alike = hue @ painted > 0.5 * painted @ painted
+            assert alike.mean() > 0.3
+            looked += 1
+    assert looked == 4
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -53,6 +53,7 @@ def errors(found: Detections, truth):
         ({}, {}, 0.5),
         ({"distortion": LENS}, {}, 0.5),
         ({"exposure": 0.33}, {}, 0.5),
+        ({"exposure": 0.15}, {}, 0.5),
         ({"white_balance": (1.15, 1.0, 0.75)}, {}, 0.5),
         ({"noise": 10.0}, {}, 0.5),
         ({"detector": "apriltag"}, TAG, 1.0),
@@ -127,9 +128,17 @@ def test_colours_tell_targets_apart_and_equal_ones_do_not() -> None:
     assert sorted(found.fits.sum(axis=1).tolist()) == [1, 2, 2]
 
 
+@pytest.mark.parametrize("exposure", [0.02, 0.05])
+def test_the_noise_of_a_dark_picture_is_no_target(exposure) -> None:
+    points = [(4.0, y, 0.4) for y in (-1.5, -0.5, 0.5, 1.5)]
+    for seed in range(20):
+        away = errors(*look(world({"exposure": exposure}, targets=4), points, seed))
+        assert not np.any(away > 2.0)
+
+
 def test_all_colours_of_the_palette_are_found_in_poor_light() -> None:
     points = [(5.0, 1.75 - 0.5 * m, 0.5) for m in range(8)]
-    for exposure in (0.33, 1.0, 1.5):
+    for exposure in (0.15, 0.33, 1.0, 1.5):
         found, truth = look(world({"exposure": exposure}, targets=8), points)
         assert np.array_equal(found.fits.sum(axis=0), np.ones(8)), exposure
         assert errors(found, truth).max() < 0.5
