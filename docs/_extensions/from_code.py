@@ -1,9 +1,11 @@
 """The directive `from-code`: tables that are read off the code when the site is built, so that they cannot drift.
 
     ```{from-code} observation relloc_env/RelativePose-v0
+    (made from the code: see the built site, `make docs`)
     ```
 
-Its argument is the name of a function in `TABLES`, then what that one takes.
+Its argument is the name of a function in `TABLES`, then what that one takes. The line inside is for those who read the
+source, or on a site that shows Markdown without directives.
 """
 
 from docutils import nodes
@@ -19,6 +21,7 @@ class FromCode(SphinxDirective):
 
     required_arguments = 1
     final_argument_whitespace = True
+    has_content = True
 
     def run(self) -> list[nodes.Node]:
         """Write the table and parse it, as if it stood in the page."""

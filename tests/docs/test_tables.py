@@ -55,6 +55,17 @@ def test_an_id_has_a_page_a_row_per_action_and_its_reward(name: str) -> None:
     assert weights == env.unwrapped.config.reward_weights
 
 
+def test_a_table_that_only_the_site_has_says_so_in_the_source() -> None:
+    inside = [
+        block.splitlines()[1:]
+        for page in (ROOT / "docs").rglob("*.md")
+        for block in page.read_text("utf-8").split("```")[1::2]
+        if block.startswith("{from-code}")
+    ]
+    assert len(inside) > 10
+    assert {tuple(lines) for lines in inside} == {("(made from the code: see the built site, `make docs`)",)}
+
+
 def test_every_option_stands_in_the_tables_with_its_meaning() -> None:
     told = {row[0].strip("`") for row in rows(tables.arguments())}
     assert told | {"robots"} == set(EnvConfig.model_fields)
