@@ -174,7 +174,8 @@ def test_blur_is_the_mean_of_the_moments() -> None:
         load_config(None, camera=turning, arena=(9.0, 9.0)),
         load_config(None, camera=camera(), arena=(9.0, 9.0)),
     )
-    moments = Sensor(config, 0)._room[0].shape[0]
+    room: Any = Sensor(config, 0)._room
+    moments = room[0].shape[0]
     v, w = 0.3, 0.8
     total = np.zeros((120, 160, 3))
     for b in range(moments):
