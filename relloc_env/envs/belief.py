@@ -4,10 +4,11 @@ from typing import Any
 
 import numpy as np
 
+from relloc_env.bound import UNSEEN_SD, read_bound
 from relloc_env.config import EnvConfig
 from relloc_env.envs.core import Core
 from relloc_env.metrics import wrap
-from relloc_env.rewards import BOUND_FIELDS, UNSEEN_SD, read_bound
+from relloc_env.rewards import BOUND_FIELDS
 from relloc_env.samples import Bool, Estimate, Float, Rows
 
 AWAY = 1e3

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from relloc_env.bound import carry_bound, pack_known, start_bound
 from relloc_env.config import ConfigError, EnvConfig
 from relloc_env.ends import pack_ends
 from relloc_env.envs.ahead import compile_kernels
@@ -16,7 +17,7 @@ from relloc_env.envs.onboard import Onboard
 from relloc_env.envs.threads import LEAST, check_threads, parts, run
 from relloc_env.estimators.protocol import Estimator
 from relloc_env.kernels.lanes import flat, width_of
-from relloc_env.rewards import BOUND_FIELDS, carry_bound, make_score, pack_known, score_action, start_bound, weights
+from relloc_env.rewards import BOUND_FIELDS, make_score, score_action, weights
 from relloc_env.samples import Bool, Float, Float32, Rows, Sharing, copy_sample
 from relloc_env.simulation import Simulation
 

@@ -2,11 +2,11 @@
 
 import numpy as np
 
+from relloc_env.bound import pack_known
 from relloc_env.logs.odometry import mean_velocity
 from relloc_env.logs.source import Log
 from relloc_env.metrics import TrajectoryBound, trajectory_bound
 from relloc_env.replay.settings import environment_of
-from relloc_env.rewards import pack_known
 
 BOUND = "root mean square of the pose's error (one robot: of the last depths') whitened by the bound; 1 is at the bound"
 """What the ratio of error and bound is."""
