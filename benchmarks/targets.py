@@ -7,7 +7,7 @@ from typing import Any
 from rich.table import Table
 
 from benchmarks.contenders import BATCH
-from benchmarks.speed import Names, ratio
+from benchmarks.speed import Names, rates, ratio, spread
 
 
 @dataclass(frozen=True)
@@ -56,6 +56,16 @@ def _below(results: Mapping[str, Any], words: str, bound: float, unit: str, scal
     return Target(words, None if found is None else found * scale, bound, unit)
 
 
+def _pictures(results: Mapping[str, Any]) -> Target:
+    """Pictures per second: two in each step."""
+    found = spread(2.0 * rate for rate in rates(results.get("contenders", ()), ("pictures",), 256).values())
+    words, bound = "pictures of 84 x 84", 20e3
+    if found is None:
+        return Target(words, None, bound, "/s", at_least=True)
+    quartiles = (found["lower_quartile"], found["upper_quartile"])
+    return Target(words, found["median"], bound, "/s", at_least=True, quartiles=quartiles)
+
+
 def targets(results: Mapping[str, Any]) -> list[Target]:
     """Every target, with what the results say; peers count as fast as they were, on one core or on all."""
     batch, default = ("everything",), ("default",)
@@ -67,6 +77,7 @@ def targets(results: Mapping[str, Any]) -> list[Target]:
         _ratio(results, f"batch of {BATCH} / VMAS navigation", 3.0, batch, vmas),
         _ratio(results, "default task, actions / VMAS navigation", 0.2, default, vmas),
         _ratio(results, f"batch of {BATCH}, all cores / one", 1.7, batch, ("everything-1",)),
+        _pictures(results),
         _below(results, "memory of an environment, arrays", 4.0, "KB", 1e-3, "memory", "arrays"),
         _below(results, "memory of an environment, process", 4.0, "KB", 1e-3, "memory", "resident"),
         _below(results, "growth of the process, one environment", 1.0, "MB", 1e-6, "growth", "parallel", "resident"),

@@ -78,6 +78,7 @@ def test_targets_are_reached_missed_or_not_measured():
             {"name": "everything", "num_envs": BATCH, "rates": {"0": 3.0, "1": 3.2}},
             {"name": "jaxmarl", "num_envs": BATCH, "rates": {"0": 1.0, "1": 1.0}},
             {"name": "vmas-navigation", "num_envs": BATCH, "rates": {"0": 2.0, "1": 2.0}},
+            {"name": "pictures", "num_envs": 256, "rates": {"0": 10_100.0, "1": 9_950.0}},
         ],
         "startup": {"import_relloc_env": speed.spread([0.029, 0.031, 0.02])},
         "memory": {"arrays": 5000.0},
@@ -88,6 +89,7 @@ def test_targets_are_reached_missed_or_not_measured():
     assert verdicts == {
         f"batch of {BATCH} / JaxMARL MPE": True,
         f"batch of {BATCH} / VMAS navigation": False,
+        "pictures of 84 x 84": True,
         "import relloc_env, after gymnasium": True,
         "memory of an environment, arrays": False,
     }
