@@ -139,16 +139,16 @@ class MapAlignmentConfig(EstimatorOptions):
     challenger_every: Annotated[int, Field(ge=1)] = 3
     """[alignments] between two challengers of the global search once the heading is known; one each before. Alignments
     that are ten samples apart or more have six challengers each."""
-    grid_period: PositiveFloat | None = 0.25
+    grid_period: PositiveFloat | None = 0.5
     """[s] while the heading is uncertain, the pose comes from a grid of headings, renewed this often. None: never."""
     mirror: bool = True
-    """Whether a direction that is aligned from the same two maps as the other, whose heading is well known, takes the
-    inverse of its pose."""
+    """Whether a direction that is aligned from the same two maps as the other takes the inverse of its pose where the
+    heading is well known, priors exchanged, and its optimum as the challenger before."""
     unheard_sd: tuple[NonNegativeFloat, NonNegativeFloat] = (0.1, 0.2)
     """[m/s, rad/s] how far the other robot's velocity may be from the last one heard while no message comes."""
     iterations: Annotated[int, Field(ge=1)] = 30
     """Greatest number of Levenberg-Marquardt steps of an alignment."""
-    tolerance: PositiveFloat = 1e-4
+    tolerance: PositiveFloat = 1e-3
     """[-] an alignment ends where the next step promises to lower its cost C by less."""
 
 

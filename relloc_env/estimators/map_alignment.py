@@ -55,6 +55,7 @@ class MapAlignment:
             state=np.zeros((n, w, r, size)),
             covariance=np.zeros((n, w, r, size, size)),
             known=np.zeros((n, w, r, m), dtype=np.bool_),
+            confirmed=np.zeros((n, w, r, m), dtype=np.bool_),
             motion=np.zeros((n, w, r, 4)),
             cursor=np.zeros(n, dtype=np.int64),
             ticks=np.zeros(n, dtype=np.int64),

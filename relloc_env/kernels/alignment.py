@@ -15,14 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from relloc_env.kernels._compile import kernel
-from relloc_env.kernels.linalg import cholesky, invert, log_determinant, solve_factored
+from relloc_env.kernels.linalg import invert
 from relloc_env.kernels.local_map import transfer
 from relloc_env.kernels.motion import wrap_angle
 
 Float = NDArray[np.float64]
-
-SOON = 12
-"""Steps after which a minimum is sought another way."""
 
 
 class Problem(NamedTuple):
@@ -237,95 +234,8 @@ def assemble(problem, m, y):
 
 
 @kernel
-def factor_damped(problem, rows, damping):
-    """Factor H + damping diag(H) of the leading rows into `factor`."""
-    hessian, factor = problem.hessian, problem.factor
-    for i in range(rows):
-        for j in range(i + 1):
-            factor[i, j] = hessian[i, j]
-        factor[i, i] *= 1.0 + damping
-    return cholesky(factor, rows)
-
-
-@kernel
-def minimise(problem, m, y, free, iterations, tolerance):
-    """Levenberg-Marquardt on J from y, in place; leaves the factor of the undamped Hessian in the workspace.
-
-    Args:
-        problem: filled by `load_maps` and `load_prior`.
-        m: number of points.
-        y: (≥ 3 m + 4,) start, and the minimum when it returns.
-        free: number of leading unknowns that may move: 3 m + 4, or 3 m + 3 with theta fixed.
-        iterations: greatest number of steps tried.
-        tolerance: [-] ends where the next step promises to lower J by less.
-
-    Returns:
-        (J, log det H, whether it ended before the `iterations` did): infinite J where no minimum was found.
-    """
-    step, trial, ended = problem.step, problem.trial, False
-    for i in range(3 * m + 4):
-        trial[i] = y[i]
-    cost, damping = math.inf, 0.0
-    for _ in range(iterations + 1):
-        new_cost = evaluate(problem, m, trial)
-        if new_cost <= cost and new_cost < math.inf:
-            cost = new_cost
-            for i in range(free):
-                y[i] = trial[i]
-            assemble(problem, m, y)
-            damping = 0.1 * damping if damping > 1e-4 else 0.0
-        elif cost == math.inf:
-            return math.inf, 0.0, True
-        else:
-            damping = max(10.0 * damping, 1e-3)
-        while not factor_damped(problem, free, damping):
-            if damping > 1e6:
-                return math.inf, 0.0, True
-            damping = max(10.0 * damping, 1e-6)
-        for i in range(free):
-            step[i] = -problem.gradient[i]
-        solve_factored(problem.factor, step, free)
-        promise = 0.0
-        for i in range(free):
-            promise -= step[i] * problem.gradient[i]
-            trial[i] = y[i] + step[i]
-        if promise < tolerance:
-            ended = True
-            break
-    if damping > 0.0 and not factor_damped(problem, free, 0.0):
-        return math.inf, 0.0, True
-    y[3 * m + 3] = wrap_angle(y[3 * m + 3])
-    return cost, log_determinant(problem.factor, free), ended
-
-
-@kernel
-def settle(problem, m, y, free, iterations, tolerance):
-    """`minimise`, once more where it did not end soon: with the pose held, then with all free.
-
-    Bearings are known far better than ranges, so that J has a narrow, curved valley. A start off its floor, as A's own
-    map is where the other map disagrees about the ranges, takes very many steps; its floor is near for a given pose.
-    """
-    start = problem.start
-    for i in range(3 * m + 4):
-        start[i] = y[i]
-    cost, log_det, ended = minimise(problem, m, y, free, SOON, tolerance)
-    if ended:
-        return cost, log_det
-    for i in range(3 * m + 4):
-        start[i], y[i] = y[i], start[i]
-    minimise(problem, m, y, 3 * m, SOON, tolerance)
-    other, log_det, _ = minimise(problem, m, y, free, iterations, tolerance)
-    if other <= cost:
-        return other, log_det
-    for i in range(3 * m + 4):
-        y[i] = start[i]
-    cost, log_det, _ = minimise(problem, m, y, free, iterations, tolerance)
-    return cost, log_det
-
-
-@kernel
 def pose_covariance(problem, m, covariance):
-    """Covariance of xi, its block of H⁻¹, from the factor that `minimise` left: (L Lᵀ)⁻¹ of its last three rows."""
+    """Covariance of xi, its block of H⁻¹, from the factor that `descent.minimise` left: the last rows of (L Lᵀ)⁻¹."""
     f, p = problem.factor, 3 * m + 1
     i_xx, i_yy, i_tt = 1.0 / f[p, p], 1.0 / f[p + 1, p + 1], 1.0 / f[p + 2, p + 2]
     i_yx = -f[p + 1, p] * i_xx * i_yy
@@ -352,7 +262,7 @@ def start_from_heading(problem, m, theta, least_inverse_range, y):
     """Write a start into y for a heading: r = q̄_A - R(theta) q̄_B from the centroids of the two maps.
 
     Args:
-        problem, m: as for `minimise`.
+        problem, m: as for `descent.minimise`.
         theta: [rad] heading of B in A's frame.
         least_inverse_range: [1/m] a point further away, or with rho < 0, is taken to be there.
         y: (≥ 3 m + 4,) where the start goes.

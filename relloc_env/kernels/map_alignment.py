@@ -11,16 +11,16 @@ from relloc_env.kernels.alignment import (
     load_maps,
     load_prior,
     make_problem,
-    minimise,
     pose_covariance,
-    settle,
     start_at,
     start_from_heading,
 )
-from relloc_env.kernels.heading_grid import FIRST, MOST_NODES, heading_grid
+from relloc_env.kernels.descent import minimise, settle
+from relloc_env.kernels.heading_grid import COST, FIRST, heading_grid, make_nodes
 from relloc_env.kernels.map_tracking import observe
-from relloc_env.kernels.motion import wrap_angle
-from relloc_env.kernels.pair_tracking import invert_pose, keep_pair, show_pose
+from relloc_env.kernels.mirroring import find_back, mirror_pair
+from relloc_env.kernels.motion import relative, wrap_angle
+from relloc_env.kernels.pair_tracking import keep_pair, show_pose
 
 Float = NDArray[np.float64]
 
@@ -30,13 +30,8 @@ SECOND_COST = 12.0
 """[-] an optimum whose J is higher by less is kept as a second mode."""
 SECOND_HEADING = 0.03
 """[rad] two optima whose headings differ by less are one."""
-
-
 GRID_SD = 0.02
 """[rad] standard deviation of the heading above which the pose comes from a grid of headings."""
-
-MIRROR_SD = 0.03
-"""[rad] standard deviation of the heading up to which one direction's pose is the inverse of the other's."""
 
 
 @kernel
@@ -53,15 +48,16 @@ def mix(mean, covariance, other, other_covariance, weight):
 
 
 @kernel
-def align_pair(maps, pairs, options, heights, problem, starts, nodes, n, p, a, b, work):
+def align_pair(maps, pairs, options, heights, problem, starts, nodes, n, p, a, b, back, work):
     """Align the maps of a pair at its anchor: from the optimum carried forward, from the second, from challengers.
 
     Args:
         maps, pairs, options: see there.
         heights: (R,) [m] of the cameras.
         problem: the workspace of the alignment.
-        starts: (≥ 2, 3 M + 4) and nodes: (MOST_NODES + 1, ≥ FIRST + 3 M + 4) scratch.
+        starts: (≥ 2, 3 M + 4) and nodes: scratch; see `scratch`.
         n, p, a, b: environment, pair, observer and observed.
+        back: the other direction, where that was aligned just now: its optimum is the challenger. Or -1.
         work: (≥ 6, ≥ 3) scratch.
     """
     slot = (maps.cursor[n] - pairs.age[n, p]) % maps.state.shape[1]
@@ -69,10 +65,10 @@ def align_pair(maps, pairs, options, heights, problem, starts, nodes, n, p, a, b
         problem,
         maps.state[n, slot, a],
         maps.covariance[n, slot, a],
-        maps.known[n, slot, a],
+        maps.confirmed[n, slot, a],
         maps.state[n, slot, b],
         maps.covariance[n, slot, b],
-        maps.known[n, slot, b],
+        maps.confirmed[n, slot, b],
     )
     if m <= 0:
         return
@@ -86,11 +82,17 @@ def align_pair(maps, pairs, options, heights, problem, starts, nodes, n, p, a, b
     best, other = starts[0], starts[1]
     cov, other_cov = work[0:3, 0:3], work[3:6, 0:3]
     cost, log_det, rival_cost, rival_log_det = math.inf, 0.0, math.inf, 0.0
-    for source in range(2 + options.challengers):
+    for source in range(2 + (options.challengers if back < 0 else 1)):
         if source == 0:
             start_at(problem, m, mode, other)
         elif source == 1 and pairs.has_second[n, p]:
             start_at(problem, m, second, other)
+        elif source > 1 and back >= 0:
+            x, y, theta = pairs.mode[n, back]
+            pose = relative(x, y, theta, 0.0, 0.0, 0.0)
+            if abs(wrap_angle(pose[2] - best[last + 2])) < SECOND_HEADING:
+                continue
+            start_at(problem, m, pose, other)
         elif source > 1 and turn % every == 0:
             place = (turn // every * options.challengers + source - 2) % 12
             heading = pairs.prior[n, p, 2] + place * math.pi / 6.0
@@ -100,7 +102,9 @@ def align_pair(maps, pairs, options, heights, problem, starts, nodes, n, p, a, b
         if source < 2:
             other_cost, other_log_det = settle(problem, m, other, unknowns, options.iterations, options.tolerance)
         else:
-            other_cost, other_log_det, _ = minimise(problem, m, other, unknowns, options.iterations, options.tolerance)
+            other_cost, other_log_det, _ = minimise(
+                problem, m, other, unknowns, options.iterations, options.tolerance, cost + SECOND_COST
+            )
         far = cost == math.inf or abs(wrap_angle(other[last + 2] - best[last + 2])) > SECOND_HEADING
         if other_cost < cost:
             # The challenger leads; the former leader, if another optimum, becomes the rival.
@@ -145,7 +149,7 @@ def align_pair(maps, pairs, options, heights, problem, starts, nodes, n, p, a, b
             anchored,
             anchored_cov,
         )
-        if node >= 0 and nodes[node, FIRST - 1] < cost:
+        if node >= 0 and nodes[node, COST] < cost:
             for i in range(3):
                 mode[i] = nodes[node, FIRST + last + i]
         return
@@ -156,30 +160,6 @@ def align_pair(maps, pairs, options, heights, problem, starts, nodes, n, p, a, b
     if pairs.has_second[n, p]:
         log_odds = 0.5 * (rival_cost - cost + rival_log_det - log_det)
         mix(anchored, anchored_cov, second, other_cov, 1.0 / (1.0 + math.exp(min(log_odds, 700.0))))
-
-
-@kernel
-def mirror_pair(pairs, n, p, a, b, robots, tick):
-    """Take the pose of pair (a, b) from that of (b, a), where that was aligned just now from the same two maps.
-
-    Pairs are in the order of `samples.ordered_pairs`. Only where the heading is so well known that inverting a Gaussian
-    leaves a Gaussian; the prior of (a, b) then no longer matters either.
-
-    Returns:
-        Whether it was.
-    """
-    q = b * (robots - 1) + (a if a < b else a - 1)
-    covariance = pairs.anchored_covariance[n, q]
-    if pairs.when[n, q] != tick or pairs.age[n, q] != pairs.age[n, p] or not pairs.aligned[n, q]:
-        return False
-    if covariance[2, 2] > MIRROR_SD * MIRROR_SD:
-        return False
-    target = pairs.anchored_covariance[n, p]
-    invert_pose(pairs.mode[n, q], covariance, pairs.mode[n, p], target)
-    invert_pose(pairs.anchored[n, q], covariance, pairs.anchored[n, p], target)
-    pairs.has_second[n, p] = False
-    pairs.aligned[n, p] = True
-    return True
 
 
 @kernel
@@ -217,8 +197,9 @@ def take_samples(
                 pairs.since_grid[n, p] += period[n, k]
                 renewed = keep_pair(maps, pairs, options, n, p, a, b, arrived[n, k, p], work)
                 if due and pairs.pending[n, p]:
-                    if not (options.mirror and mirror_pair(pairs, n, p, a, b, robots, maps.ticks[n])):
-                        align_pair(maps, pairs, options, heights, problem, starts, nodes, n, p, a, b, work)
+                    back = find_back(pairs, n, p, a, b, robots, maps.ticks[n]) if options.mirror else -1
+                    if back < 0 or not mirror_pair(pairs, n, p, back, work):
+                        align_pair(maps, pairs, options, heights, problem, starts, nodes, n, p, a, b, back, work)
                     pairs.when[n, p] = maps.ticks[n]
                     pairs.pending[n, p] = False
                     renewed = True
@@ -230,5 +211,4 @@ def take_samples(
 def scratch(points: int, size: int) -> tuple[Problem, Float, Float, Float]:
     """Return the scratch that `take_samples` needs for maps of `size` numbers."""
     unknowns = 3 * points + 4
-    nodes = np.zeros((MOST_NODES + 1, FIRST + unknowns))
-    return make_problem(points), np.zeros((2, unknowns)), nodes, np.zeros((max(size, 6), 3))
+    return make_problem(points), np.zeros((2, unknowns)), make_nodes(points), np.zeros((max(size, 18), 3))

@@ -29,6 +29,8 @@ class Maps(NamedTuple):
     """(N, W, R, D, D)."""
     known: Bool
     """(N, W, R, M) which points are in the map."""
+    confirmed: Bool
+    """(N, W, R, M) which of them have been seen again, where they were expected, since their bearing began."""
     motion: Float
     """(N, W, R, 4) length of the interval before the sample [s], and the measured velocity over it."""
     cursor: Int
@@ -36,7 +38,7 @@ class Maps(NamedTuple):
     ticks: Int
     """(N,) samples since the start."""
     rejected: Int
-    """(N, R, M) how often in a row the gate refused the point."""
+    """(N, R, M) how often the gate refused the point since it was last accepted."""
     unseen: Float
     """(N, R, M) [s] since the point was last accepted."""
     depth: Float
@@ -98,13 +100,14 @@ def observe(maps, options, n, dt, odometry, image, seen, work):
     maps.cursor[n] = now
     for r in range(robots):
         state, covariance, known = maps.state[n, now, r], maps.covariance[n, now, r], maps.known[n, now, r]
+        confirmed, rejected, unseen = maps.confirmed[n, now, r], maps.rejected[n, r], maps.unseen[n, r]
         if window > 1:
             for i in range(state.shape[0]):
                 state[i] = maps.state[n, old, r, i]
                 for j in range(state.shape[0]):
                     covariance[i, j] = maps.covariance[n, old, r, i, j]
             for i in range(points):
-                known[i] = maps.known[n, old, r, i]
+                known[i], confirmed[i] = maps.known[n, old, r, i], maps.confirmed[n, old, r, i]
         v, lateral, w = float(odometry[r, 0]), float(odometry[r, 1]), float(odometry[r, 2])
         motion = maps.motion[n, now, r]
         motion[0], motion[1], motion[2], motion[3] = dt, v, lateral, w
@@ -113,9 +116,10 @@ def observe(maps, options, n, dt, odometry, image, seen, work):
             map_predict(state, covariance, known, v, lateral, w, dt, var_v, var_l, var_w, work)
         for i in range(points):
             if known[i]:
-                maps.unseen[n, r, i] += dt
-                if maps.unseen[n, r, i] > options.forget_after:
+                unseen[i] += dt
+                if unseen[i] > options.forget_after:
                     map_forget(state, covariance, known, i)
+                    confirmed[i] = False
             if not seen[r, i]:
                 continue
             x, y = float(image[r, i, 0]), float(image[r, i, 1])
@@ -134,20 +138,22 @@ def observe(maps, options, n, dt, odometry, image, seen, work):
                     work,
                 )
                 if accepted:
-                    maps.rejected[n, r, i] = 0
-                    maps.unseen[n, r, i] = 0.0
+                    rejected[i], unseen[i], confirmed[i] = 0, 0.0, True
                     continue
-                maps.rejected[n, r, i] += 1
-                if maps.rejected[n, r, i] < options.most_rejections:
+                rejected[i] += 1
+                if confirmed[i] and rejected[i] < options.most_rejections:
                     continue
+            else:
+                rejected[i] = 0
+            # A first sight that the next one contradicts was no sight: the point enters anew, as for the first time.
+            if rejected[i] >= options.most_rejections:
                 rho, rho_variance = state[3 * i + 2], covariance[3 * i + 2, 3 * i + 2]
             elif options.rho_variance > 0.0:
                 rho, rho_variance = options.rho, options.rho_variance
             else:
                 rho, rho_variance = depth_prior(x, maps.depth[n, r, i], maps.depth_sd[n])
             map_enter(state, covariance, known, i, x, y, w, options.image_variance, rho, rho_variance)
-            maps.rejected[n, r, i] = 0
-            maps.unseen[n, r, i] = 0.0
+            unseen[i], confirmed[i] = 0.0, False
 
 
 @kernel

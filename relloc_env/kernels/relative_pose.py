@@ -14,6 +14,8 @@ from relloc_env.kernels.motion import wrap_angle
 POSITION = 0
 VELOCITY = 1
 PRINTED = 2
+SINGULAR = 1e-10
+"""[-] determinant of an innovation's covariance over the product of its diagonal up to which it is not inverted."""
 
 
 @kernel
@@ -231,7 +233,8 @@ def correct(r_x, r_y, theta, p, y_0, y_1, h_0x, h_0y, h_0t, h_1x, h_1y, h_1t, rx
         p: six numbers, its covariance.
         y_0, y_1: innovation.
         h_0x, h_0y, h_0t, h_1x, h_1y, h_1t: rows of H.
-        rxx, rxy, ryy: covariance of the measurement; positive definite.
+        rxx, rxy, ryy: covariance of the measurement; positive definite. One so great that S is singular in numbers
+            tells nothing: the pose stays.
 
     Returns:
         (r_x, r_y, theta, pxx, pxy, pxt, pyy, pyt, ptt) after the update.
@@ -244,7 +247,8 @@ def correct(r_x, r_y, theta, p, y_0, y_1, h_0x, h_0y, h_0t, h_1x, h_1y, h_1t, rx
     s_00 = h_0x * c_x0 + h_0y * c_y0 + h_0t * c_t0 + rxx
     s_01 = h_0x * c_x1 + h_0y * c_y1 + h_0t * c_t1 + rxy
     s_11 = h_1x * c_x1 + h_1y * c_y1 + h_1t * c_t1 + ryy
-    scale = 1.0 / (s_00 * s_11 - s_01 * s_01)
+    determinant = s_00 * s_11 - s_01 * s_01
+    scale = 1.0 / determinant if determinant > SINGULAR * s_00 * s_11 else 0.0
     i_00, i_01, i_11 = s_11 * scale, -s_01 * scale, s_00 * scale
     k_x0, k_x1 = c_x0 * i_00 + c_x1 * i_01, c_x0 * i_01 + c_x1 * i_11
     k_y0, k_y1 = c_y0 * i_00 + c_y1 * i_01, c_y0 * i_01 + c_y1 * i_11

@@ -116,6 +116,25 @@ def test_missed_detections_and_outliers_are_borne_40_runs() -> None:
     assert np.median(np.hypot(e[..., 0], e[..., 1])) < 0.09
 
 
+@pytest.mark.parametrize("hidden", [1, 40])
+def test_a_first_sight_that_the_next_contradicts_leaves_no_trace(hidden: int) -> None:
+    """Until the point is seen again, and after it: the outlier might as well not have been."""
+    run = simulate(3, 4.0, 12)
+    image, seen = run.samples.image.copy(), run.samples.seen.copy()
+    seen[:, :hidden, :, 1] = False
+    image[:, 0, :, 1] += np.float32(0.4)
+    without, rows = fresh(run)
+    without.update(run.samples._replace(image=image, seen=seen.copy()), rows)
+    seen[:, 0, :, 1] = True
+    wild, _ = fresh(run)
+    wild.update(part(run.samples._replace(image=image, seen=seen), 0, hidden + 1), rows)
+    assert not wild._maps.confirmed[:, 0, :, 1].any()
+    wild.update(part(run.samples._replace(image=image, seen=seen), hidden + 1, 81), rows)
+    for given, expected in zip(wild.estimate, without.estimate, strict=True):
+        assert_array_equal(given, expected)
+    assert errors(wild, run, 80)[1].max() < 25.0
+
+
 def test_a_run_alone_in_a_batch_and_in_blocks_is_the_same_to_the_last_bit() -> None:
     run = simulate(3, 3.0, 3)
     whole, rows = fresh(run)
@@ -242,24 +261,26 @@ def test_camera_heights_are_one_per_robot() -> None:
 
 
 def test_both_directions_are_inverse_to_each_other_where_the_heading_is_known() -> None:
+    """But for their priors, which hardly count by then."""
     run = simulate(3, 12.0, 10)
     estimator, rows = fresh(run)
     estimator.update(run.samples, rows)
     pose, covariance = estimator.estimate.pose, estimator.estimate.pose_covariance
     back = np.array([relative(*p, 0.0, 0.0, 0.0) for p in pose[:, 0]])
-    assert_allclose(pose[:, 1], back, atol=1e-12)
+    sd = np.sqrt(np.diagonal(covariance[:, 1], axis1=1, axis2=2))
+    assert (np.abs(pose[:, 1] - back) < 0.2 * sd).all()
 
     def inverse(p: Float) -> Float:
         return np.array(relative(*p, 0.0, 0.0, 0.0))
 
     for i in range(3):
         f = np.stack([(inverse(pose[i, 0] + e) - inverse(pose[i, 0] - e)) / 2e-6 for e in 1e-6 * np.eye(3)], axis=1)
-        assert_allclose(covariance[i, 1], f @ covariance[i, 0] @ f.T, rtol=1e-6, atol=1e-12)
-    # Aligned by itself, the second direction differs only by its own prior, a small part of what is known.
+        scale = np.outer(sd[i], sd[i])
+        assert_allclose(covariance[i, 1] / scale, f @ covariance[i, 0] @ f.T / scale, atol=0.02)
+    # Aligned by itself, the second direction is the same.
     alone, _ = fresh(run, CONFIG.model_copy(update={"mirror": False}))
     alone.update(run.samples, rows)
-    sd = np.sqrt(np.diagonal(covariance[:, 1], axis1=1, axis2=2))
-    assert (np.abs(alone.estimate.pose[:, 1] - pose[:, 1]) < 0.2 * sd).all()
+    assert (np.abs(alone.estimate.pose[:, 1] - pose[:, 1]) < 0.05 * sd).all()
 
 
 def test_what_does_not_fit_is_refused() -> None:
@@ -292,10 +313,11 @@ def test_noise_of_a_robot_that_is_told_to_stand(share: float, grown: bool) -> No
     rows = np.zeros(1, dtype=np.int64)
     estimator.reset(run.prior, rows)
     estimator.update(run.samples, rows)
-    before = estimator.estimate.pose_covariance[0, 0, 2, 2]
     still, steps = part(run.samples, 1, 2), round(seconds / DT)
     still.odometry[:], still.seen[:] = 0.0, False
-    for _ in range(steps):
+    for k in range(steps + 6):
+        if k == 6:  # the grid of headings has been renewed since the last image
+            before = estimator.estimate.pose_covariance[0, 0, 2, 2]
         estimator.update(still, rows)
     added = estimator.estimate.pose_covariance[0, 0, 2, 2] - before
     # Both robots' headings: twice n (noise dt)². Maps that drift apart from each other add to the least squares alike.

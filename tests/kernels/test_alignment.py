@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from relloc_env.kernels import alignment, linalg
+from relloc_env.kernels import alignment, descent, linalg
 from relloc_env.kernels.local_map import transfer
 
 Float = NDArray[np.float64]
@@ -94,7 +94,7 @@ def test_the_minimum_and_its_covariance_are_scipys_5_cases_each(points: int, hei
         case = Case(seed, points, height_sd)
         problem, n = case.problem(), 3 * points + 4
         y = np.concatenate([case.start(), np.zeros(3)])
-        cost, log_det, ended = alignment.minimise(problem, points, y, n, 100, 1e-14)
+        cost, log_det, ended = descent.minimise(problem, points, y, n, 100, 1e-14)
         fit = least_squares(case.residuals, case.start(), method="lm", xtol=1e-14, ftol=1e-14, gtol=1e-14)
         assert ended
         assert_allclose(cost, 2.0 * fit.cost, rtol=1e-8, atol=1e-9)
@@ -129,7 +129,7 @@ def test_with_the_heading_fixed_the_rest_is_minimal() -> None:
     problem = case.problem()
     y = case.start()
     y[-1] += 0.1
-    alignment.minimise(problem, 2, y, 9, 100, 1e-14)
+    descent.minimise(problem, 2, y, 9, 100, 1e-14)
     assert y[-1] == pytest.approx(case.xi[2] + 0.1)
 
     def rest(free: Float) -> Float:

@@ -6,8 +6,8 @@ from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from relloc_env.kernels import alignment
-from relloc_env.kernels.heading_grid import FIRST, MOST_NODES, heading_grid
+from relloc_env.kernels import alignment, descent
+from relloc_env.kernels.heading_grid import COST, heading_grid, make_nodes
 from relloc_env.kernels.local_map import transfer
 
 Float = NDArray[np.float64]
@@ -69,30 +69,30 @@ def test_moments_are_those_of_many_headings_however_wide_the_posterior_was_thoug
     for seed in range(2):
         case = Case(seed, bearing_sd, rho_sd)
         problem, y = case.problem(), np.r_[case.a, 0.0, case.xi]
-        alignment.settle(problem, POINTS, y, 10, 30, 1e-8)
+        descent.settle(problem, POINTS, y, 10, 30, 1e-8)
         covariance = np.zeros((3, 3))
         alignment.pose_covariance(problem, POINTS, covariance)
         laplace = float(np.sqrt(covariance[2, 2]))
         expected_mean, expected = case.moments(y, min(6.0 * laplace, np.pi))
         scale = np.sqrt(np.diag(expected))
         for sd in (0.3 * laplace, laplace, 0.3):
-            mean, nodes = np.zeros(3), np.zeros((MOST_NODES + 1, FIRST + 10))
+            mean, nodes = np.zeros(3), make_nodes(POINTS)
             best, none = y.copy(), np.zeros(3)
             node = heading_grid(problem, POINTS, best, none, False, sd, 30, 1e-8, nodes, mean, covariance)
-            assert nodes[node, FIRST - 1] >= alignment.evaluate(problem, POINTS, y) - 1e-6
+            assert nodes[node, COST] >= alignment.evaluate(problem, POINTS, y) - 1e-6
             assert_allclose((mean - expected_mean) / scale, 0.0, atol=0.05)
             assert_allclose(covariance / np.outer(scale, scale), expected / np.outer(scale, scale), atol=0.1)
 
 
 def test_where_a_minimum_is_not_found_soon_holding_the_pose_first_helps() -> None:
-    """240 cases: ranges of A's own map are far from where both maps agree, bearings are known to 1e-4 to 1e-3."""
+    """600 cases: ranges of A's own map are far from where both maps agree, bearings are known to 1e-4 to 1e-3."""
     gains = []
-    for seed in range(240):
+    for seed in range(600):
         case = Case(10 + seed, (1e-4, 1e-3)[seed % 2], 0.08)
         problem, start = case.problem(), np.r_[case.a, 0.0, case.xi + 0.2]
-        plain, _, ended = alignment.minimise(problem, POINTS, start.copy(), 10, 30, 1e-6)
+        plain, _, ended = descent.minimise(problem, POINTS, start.copy(), 10, 12, 1e-6)
         if not ended:
-            gains.append(plain - alignment.settle(problem, POINTS, start.copy(), 10, 30, 1e-6)[0])
-    assert len(gains) >= 10
+            gains.append(plain - descent.settle(problem, POINTS, start.copy(), 10, 12, 1e-6)[0])
+    assert 10 <= len(gains) <= 90
     assert sum(gain > 0.1 for gain in gains) > 2 * sum(gain < -0.1 for gain in gains)
     assert np.mean(gains) > 1.0

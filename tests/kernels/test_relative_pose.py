@@ -232,6 +232,20 @@ def test_update_against_a_dense_kalman_filter():
         np.testing.assert_allclose(full(result[3:]) @ information, np.eye(3), atol=1e-6)
 
 
+@pytest.mark.parametrize("size", [1e6, 1e10, 1e14, 1e18, 1e170])
+def test_a_measurement_too_uncertain_to_be_weighed_leaves_the_pose(size: float) -> None:
+    """A point of endless depth covariance along its ray: in numbers S is singular, or its determinant overflows."""
+    rng = np.random.default_rng(14)
+    for _ in range(CASES):
+        xi, P, H = random_pose(rng), random_covariance(rng, 3), rng.normal(size=(2, 3))
+        angle = rng.uniform(-np.pi, np.pi)
+        ray = np.array([np.cos(angle), np.sin(angle)])
+        R = size * np.outer(ray, ray) + 1e-4 * np.eye(2)
+        after = np.array(rp.correct(*xi, tuple(upper(P)), 0.3, -0.2, *H.ravel(), *R[np.triu_indices(2)]))
+        assert np.isfinite(after).all()
+        assert (np.linalg.eigvalsh(full(after[3:])) > -1e-6).all()
+
+
 @njit(cache=False)
 def _wander(state, numbers, models):
     """Predict and update with random motion and points; returns False where an angle or the covariance breaks."""
