@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from relloc_env.config import EnvConfig
-from relloc_env.kernels._compile import inner, kernel
+from relloc_env.kernels._compile import kernel
 from relloc_env.kernels.bound import bound_measure, bound_move, bound_reset
 from relloc_env.kernels.information import depth_information, pose_covariance, pose_information, range_variance
 from relloc_env.rewards import DEPTH_INFO, POSE_INFO
@@ -107,7 +107,7 @@ def read_bound(bound, sighted, depth_info, pose_info, pose_cov, worst_sd, pose, 
         _inform(bound[n], depth_info[n], pose_info, pose_cov[n], worst_sd[n], pose[n], points[n], n)
 
 
-@inner
+@kernel
 def _inform(bound, depth_info, pose_info, pose_cov, worst_sd, pose, points, n):
     """Refresh information and worst standard deviations of one environment from its bound."""
     robots, count = pose.shape[0], points.shape[0]

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from relloc_env.config import REWARD_TERMS, EnvConfig
 from relloc_env.ends import end_action
-from relloc_env.kernels._compile import inlined, inner, kernel
+from relloc_env.kernels._compile import inlined, kernel
 from relloc_env.kernels.camera import view
 from relloc_env.kernels.elementary import sin_cos
 from relloc_env.kernels.information import excitation
@@ -105,7 +105,7 @@ _POSE, _DISTANCE, _TURN = 0 * W, 3 * W, 4 * W
 _PAIR = 5
 
 
-@inner
+@kernel
 def _face(t, p, width):
     """Cosine and sine of a robot's heading."""
     p = natural(p)
@@ -113,7 +113,7 @@ def _face(t, p, width):
         t[p + i + _SIN], t[p + i + _COS] = sin_cos(t[p + i + _THETA])
 
 
-@inner
+@kernel
 def _excite(t, p, q, s, height, dt, width):
     """Add the excitation of one sample, where the point is seen."""
     p, q, s = natural(p), natural(q), natural(s)
@@ -124,7 +124,7 @@ def _excite(t, p, q, s, height, dt, width):
         t[s + i + _EXCITATION] += gained if t[s + i + _SEEN] != 0.0 else 0.0
 
 
-@inner
+@kernel
 def _range_error(t, p, q, s, width):
     """Estimated minus true range of a point, and its share of the range, at most 1."""
     p, q, s = natural(p), natural(q), natural(s)
@@ -135,7 +135,7 @@ def _range_error(t, p, q, s, width):
         t[s + i + _ERROR], t[s + i + _SHARE] = error, min(1.0, abs(error) / true)
 
 
-@inner
+@kernel
 def _pose_error(t, a, b, s, width):
     """Distance and angle between the estimated and the true pose of b in {a}."""
     a, b, s = natural(a), natural(b), natural(s)
@@ -216,7 +216,7 @@ def score_action(
             end_action(reward, joint_reward, collided, worst_sd, elapsed, ends, terminated, truncated, robots, n)
 
 
-@inner
+@kernel
 def _load(t, at, sights, others, robots, count, pairs, points, e_points, e_known, e_pose, rows, begin, end):
     """Put points and estimates into lanes; nothing is seen yet."""
     for j in range(begin, end):
@@ -234,7 +234,7 @@ def _load(t, at, sights, others, robots, count, pairs, points, e_points, e_known
                 t[place + _POSE + d * W] = e_pose[source + d]
 
 
-@inner
+@kernel
 def _load_sample(t, sights, robots, count, block, k, seen, true_pose, true_velocity, rows, begin, end):
     """Put the truth of sample k into lanes."""
     for j in range(begin, end):
@@ -250,7 +250,7 @@ def _load_sample(t, sights, robots, count, block, k, seen, true_pose, true_veloc
             t[place + _SIGHTED] += t[place + _SEEN]
 
 
-@inner
+@kernel
 def _store_errors(t, sights, others, count, pairs, depth_error, pose_error, rows, begin, end):
     """Write the errors of the estimates."""
     for j in range(begin, end):

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from relloc_env.config import EnvConfig
 from relloc_env.envs.onboard import BARE_POINT, FAR, IMAGE, MOTION, POINT, bounded
-from relloc_env.kernels._compile import inner, kernel
+from relloc_env.kernels._compile import kernel
 from relloc_env.kernels.elementary import log, sin_cos
 from relloc_env.kernels.lanes import W, natural, workspace
 
@@ -120,7 +120,7 @@ _THETA, _COVARIANCE, _SIN, _COS, _LOG_SD, _CORRELATION, _LOG_DET = (k * W for k 
 _WORK = 16
 
 
-@inner
+@kernel
 def _pose(t, width):
     """Sine and cosine of a heading; log standard deviations, correlations and log determinant of its covariance."""
     for i in range(width):
@@ -204,7 +204,7 @@ def observe(
         _poses(line, robots, length, rest, others, pose.ravel(), pose_covariance.ravel(), pairs, rows, width)
 
 
-@inner
+@kernel
 def _poses(out, robots, length, rest, others, pose, covariance, pairs, rows, width):
     """Write the estimated poses of the other robots."""
     t, count = workspace(_WORK, width), pairs.shape[0]
@@ -231,7 +231,7 @@ def _poses(out, robots, length, rest, others, pose, covariance, pairs, rows, wid
                 out[at + 10 * others + o] = t[_LOG_DET + i]
 
 
-@inner
+@kernel
 def _arrivals(out, at, arrived, n, r, p, o, others, window, block, shown):
     """Write which messages of another robot arrived with each sample."""
     for k in range(block):
@@ -240,7 +240,7 @@ def _arrivals(out, at, arrived, n, r, p, o, others, window, block, shown):
             out[n, r, at + (k * others + o) * window + age] = 1.0 if k >= block - shown and bit else 0.0
 
 
-@inner
+@kernel
 def _block(out, at, period, odometry, images, sights, n, r, shown):
     """Write the block of samples of robot r."""
     block, count = period.shape[1], sights.shape[3]

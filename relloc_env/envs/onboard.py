@@ -13,7 +13,7 @@ from relloc_env.estimators.config import AnyConfig, MapAlignmentConfig, OwnConfi
 from relloc_env.estimators.own import check_estimator, check_refreshed
 from relloc_env.estimators.protocol import Estimator
 from relloc_env.estimators.registry import make
-from relloc_env.kernels._compile import inlined, inner, kernel
+from relloc_env.kernels._compile import inlined, kernel
 from relloc_env.kernels.elementary import log, sin_cos
 from relloc_env.kernels.lanes import W, flat, natural, width_of, workspace
 from relloc_env.kernels.motion import advance, wrap_angle
@@ -72,7 +72,7 @@ _TOLD = 16 * W
 _WORK = 24
 
 
-@inner
+@kernel
 def _reckon(t, dt, width):
     """Carry the dead reckoning of one robot over a sample of `dt` [s]."""
     for i in range(width):
@@ -81,14 +81,14 @@ def _reckon(t, dt, width):
         t[i + _POSE], t[i + _POSE + W], t[i + _POSE + 2 * W] = x, y, wrap_angle(theta)
 
 
-@inner
+@kernel
 def _face(t, width):
     """Sine and cosine of the dead-reckoned heading."""
     for i in range(width):
         t[i + _SIN], t[i + _COS] = sin_cos(t[i + _POSE + 2 * W])
 
 
-@inner
+@kernel
 def _point(t, width):
     """What a robot tells about a point: `POINT` numbers; zeros where it is not seen, or not known."""
     for i in range(width):

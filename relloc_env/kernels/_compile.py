@@ -43,8 +43,6 @@ def inlined(function: F) -> F:
     return _compile(function, forceinline=True)
 
 
-inner = kernel
-
 _OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": False, "no_cfunc_wrapper": True}
 
 

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from relloc_env.kernels import depth_state as ds
 from relloc_env.kernels import relative_pose as rp
-from relloc_env.kernels._compile import inlined, inner
+from relloc_env.kernels._compile import inlined, kernel
 from relloc_env.kernels.elementary import sin_cos
 from relloc_env.kernels.lanes import W
 from relloc_env.kernels.motion import arc
@@ -70,14 +70,14 @@ class FilterOptions(NamedTuple):
     """[rad²/s²] the same for its yaw rate."""
 
 
-@inner
+@kernel
 def filter_options(numbers):
     """FilterOptions from a float64 array of the same order (quicker to hand over than a tuple)."""
     n = numbers
     return FilterOptions(int(n[0]), n[1] != 0.0, n[2], n[3] != 0.0, n[4], n[5], n[6], n[7], n[8])
 
 
-@inner
+@kernel
 def reckon(t, var_v, var_w, width):
     """Carry the dead reckoning of a robot, at `OWN`, over one sample (the interval of `depth_state`), in all lanes.
 

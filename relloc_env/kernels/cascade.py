@@ -12,7 +12,7 @@ import numpy as np
 from relloc_env.kernels import anchors as an
 from relloc_env.kernels import depth_state as ds
 from relloc_env.kernels import pose_filter as pf
-from relloc_env.kernels._compile import inlined, inner, kernel
+from relloc_env.kernels._compile import inlined, kernel
 from relloc_env.kernels.depth_covariance import body_to_polar
 from relloc_env.kernels.elementary import atan2
 from relloc_env.kernels.lanes import W, copy, natural, width_of, workspace
@@ -76,13 +76,13 @@ def shape(
     )
 
 
-@inner
+@kernel
 def _shape(s):
     """Shape from an int64 array (quicker to hand over than a tuple)."""
     return Shape(s[0], s[1], s[2], s[3], s[4], s[5], s[6], s[7], s[8], s[9], s[10], s[11], s[12], s[13], s[14], s[15])
 
 
-@inner
+@kernel
 def _in_range(rows, num_envs):
     """Whether all `rows` are environments."""
     beyond = 0
@@ -130,7 +130,7 @@ def reset(depth_guess, pose_guess, depth_sd, pose_sd, shape, sample, table, rece
     return OK
 
 
-@inner
+@kernel
 def _start(anchor, at, stride, pose, sd):
     """Write an anchor at the start; it is all zeros."""
     for k in range(3):
@@ -212,7 +212,7 @@ def update(
     return status
 
 
-@inner
+@kernel
 def _tick(t, b, s, period, samples, k, sample, rows, begin, end):
     """Carry the clocks to sample k; its interval goes to the workspace."""
     for j in range(begin, end):
@@ -226,7 +226,7 @@ def _tick(t, b, s, period, samples, k, sample, rows, begin, end):
         b[clock + W] += 1.0 if dt > 0.0 else 0.0
 
 
-@inner
+@kernel
 def _sense(t, b, s, o, settings, gains, odometry, image, seen, samples, k, r, whole, rows, begin, end):
     """Dead reckoning and depth observers of one robot over one sample."""
     for j in range(begin, end):
@@ -254,7 +254,7 @@ def _sense(t, b, s, o, settings, gains, odometry, image, seen, samples, k, r, wh
         _keep(t, ds.KNOWN, b, place, ds.SIZE, whole, s.width, rows, begin, end)
 
 
-@inner
+@kernel
 def _mark(t, usable, use_unseen, width):
     """Note where the point of the workspace may take part in the pose update."""
     usable = natural(usable)
@@ -262,7 +262,7 @@ def _mark(t, usable, use_unseen, width):
         t[usable + i] = 1.0 if (t[i + ds.KNOWN] != 0.0) & ((t[i + ds.SEEN] != 0.0) | use_unseen) else 0.0
 
 
-@inner
+@kernel
 def _point(t, to, b, s, r, m):
     """Point m as robot r knows it, to the workspace."""
     point = r * s.points + m
@@ -271,7 +271,7 @@ def _point(t, to, b, s, r, m):
     copy(t, _USABLE + point * W, t, to + an.USABLE, 1, s.width)
 
 
-@inner
+@kernel
 def _listen(t, b, s, o, arrived, received, samples, k, p, pairs, whole, rows, begin, end):
     """One sample of the pose filter of a pair whose messages come at once or never."""
     first, second, everyone = pairs[p, 0], pairs[p, 1], True
@@ -298,7 +298,7 @@ def _listen(t, b, s, o, arrived, received, samples, k, p, pairs, whole, rows, be
     _keep(t, an.BASE, b, place, s.anchor_size, whole, s.width, rows, begin, end)
 
 
-@inner
+@kernel
 def _listen_ring(t, b, s, o, ring, arrived, received, sample, samples, k, pairs, rows, begin, end):
     """One sample of the pose filters of all pairs whose messages may be late."""
     for j in range(begin, end):
@@ -311,7 +311,7 @@ def _listen_ring(t, b, s, o, ring, arrived, received, sample, samples, k, pairs,
             )
 
 
-@inner
+@kernel
 def _remember(t, b, s, ring, e, row):
     """Put the present sample of environment e into the ring."""
     lane = e % W
@@ -345,7 +345,7 @@ def show(
             _show_ring(t, s, o, ring, pairs, sample, received, e_pose, e_pose_covariance, rows, j, j + 1)
 
 
-@inner
+@kernel
 def _show_points(t, b, s, points, covariance, known, rows, begin, end):
     """Write the points of rows[begin:end], all of one block, in polar form."""
     for r in range(s.robots):
@@ -370,7 +370,7 @@ def _show_three(t, i, which, mean, c):
     c[at + 6], c[at + 7], c[at + 8] = xt, yt, tt
 
 
-@inner
+@kernel
 def _show_poses(t, b, s, o, pairs, sample, received, pose, covariance, rows, begin, end):
     """Write the poses of rows[begin:end], all of one block, at their last sample."""
     for p in range(s.pairs):
@@ -386,7 +386,7 @@ def _show_poses(t, b, s, o, pairs, sample, received, pose, covariance, rows, beg
             _show_three(t, natural(place + e % W), pair, pose, covariance)
 
 
-@inner
+@kernel
 def _show_ring(t, s, o, ring, pairs, sample, received, pose, covariance, rows, begin, end):
     """The same, where messages may be late."""
     for p in range(s.pairs):
@@ -397,7 +397,7 @@ def _show_ring(t, s, o, ring, pairs, sample, received, pose, covariance, rows, b
             _show_three(t, an.POSE + e % W, pair, pose, covariance)
 
 
-@inner
+@kernel
 def _polar(t, width):
     """The point of the workspace in polar form, with its covariance; zeros where it is not known."""
     for i in range(width):

@@ -12,7 +12,7 @@ All zeros at the start of an episode; copied, they save and restore an environme
 import math
 from typing import NamedTuple
 
-from relloc_env.kernels._compile import inlined, inner, kernel
+from relloc_env.kernels._compile import inlined, kernel
 from relloc_env.kernels.depth_covariance import body_to_image, covariance_step, image_to_body, move_covariance
 from relloc_env.kernels.depth_observer import (
     correct,
@@ -176,7 +176,7 @@ def _image(t, i):
     return t[i + SEEN_X], 0.0 if flat else t[i + SEEN_Y], flat
 
 
-@inner
+@kernel
 def _prepare(t, critical, floor, max_gap, width):
     """Which way each lane goes, means over its interval and modes of its step."""
     for i in range(width):
@@ -202,7 +202,7 @@ def _stiffness(t, i, v, lateral, mean_x, mean_y):
     return t[i + GAIN_ALPHA] * (o_x * o_x + o_y * o_y)
 
 
-@inner
+@kernel
 def _mend_modes(t, i):
     """The modes of a step that is not slow."""
     time, _, v, lateral, w = _motion(t, i)
@@ -211,7 +211,7 @@ def _mend_modes(t, i):
     t[i + _DECAY] = mean_decay(0.5 * time * w * t[i + _MEAN_X])
 
 
-@inner
+@kernel
 def _advance(t, settings, r, width):
     """Both ways of every lane: an observer step to what is seen now, and a prediction in the body frame."""
     chi_min, chi_max = 1.0 / settings[r, 3], 1.0 / settings[r, 2]
@@ -259,7 +259,7 @@ def _advance(t, settings, r, width):
         t[i + CHI_HAT] = chi_hat if near else chi
 
 
-@inner
+@kernel
 def _sight(t, i, settings, r):
     """One lane: first sight of a point, or the first after a long gap."""
     x, y, flat = _image(t, i)
@@ -276,14 +276,14 @@ def _sight(t, i, settings, r):
         _restart(t, i, x, y)
 
 
-@inner
+@kernel
 def _restart(t, i, x, y):
     """Let the next observer step begin here, where (x, y) was measured."""
     t[i + X], t[i + Y] = x, y
     t[i + TIME] = t[i + FORWARD] = t[i + SIDE] = t[i + TURN] = t[i + SQUARES] = 0.0
 
 
-@inner
+@kernel
 def _begin(t, i, x, y, z, flat, settings, r):
     """First sight: s_hat = s, chi_hat = 1/z with the depth guess z."""
     z = min(max(z, settings[r, 2]), settings[r, 3])

@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from relloc_env.kernels._compile import inlined, inner
+from relloc_env.kernels._compile import inlined, kernel
 from relloc_env.kernels.lanes import W, natural
 from relloc_env.kernels.motion import advance, wrap_angle
 from relloc_env.kernels.world import DISC, to_box, to_disc, to_walls
@@ -28,7 +28,7 @@ ROBOT = 25
 """Numbers of a robot in the workspace, from place r ROBOT W on."""
 
 
-@inner
+@kernel
 def drive(t, points, targets, params, robots, obstacles, width):
     """Where the commands lead: first-order actuators, then noise, then limits, then the shield; and what is touched.
 
@@ -69,7 +69,7 @@ def drive(t, points, targets, params, robots, obstacles, width):
             _touch_robot(t, p, other * ROBOT * W, robots[r].radius + robots[other].radius, width)
 
 
-@inner
+@kernel
 def _propose(t, p, dt, robot, width):
     """Velocity and end of the sample of one robot, were there nothing in the way."""
     p = natural(p)
@@ -87,7 +87,7 @@ def _propose(t, p, dt, robot, width):
         t[p + i + _FREE_X], t[p + i + _FREE_Y], t[p + i + _FREE_V], t[p + i + _STOP] = x, y, v, 0.0
 
 
-@inner
+@kernel
 def _gap(t, place, result, half_x, half_y, obstacles, width):
     """Clearance [m] of a place, see `world.clearance`."""
     p, gap = natural(place), natural(result)
@@ -104,7 +104,7 @@ def _gap(t, place, result, half_x, half_y, obstacles, width):
                 t[gap + i] = min(t[gap + i], to_box(t[p + i], t[p + i + W], c_x, c_y, a, b, cos, sin))
 
 
-@inner
+@kernel
 def _shield(t, p, least, width):
     """Stop a robot that comes closer to a wall or an obstacle than the shield allows."""
     p = natural(p)
@@ -112,7 +112,7 @@ def _shield(t, p, least, width):
         t[p + i + _STOP] = 1.0 if (t[p + i + _GAP_END] < least) & (t[p + i + _GAP_END] < t[p + i + _GAP]) else 0.0
 
 
-@inner
+@kernel
 def _shield_target(t, p, q, least, width):
     """Stop a robot that comes closer to a target than the shield allows."""
     p, q = natural(p), natural(q)
@@ -129,7 +129,7 @@ def _distance2(t, i, x, y):
     return d_x * d_x + d_y * d_y
 
 
-@inner
+@kernel
 def _hold(t, p, width):
     """Let a robot that is to stop turn on the spot."""
     p = natural(p)
@@ -143,7 +143,7 @@ def _hold(t, p, width):
         t[p + i + VELOCITY] = 0.0 if stop else t[p + i + _FREE_V]
 
 
-@inner
+@kernel
 def _count(t, p, width):
     """Count the samples in which a robot was held."""
     p = natural(p)
@@ -151,7 +151,7 @@ def _count(t, p, width):
         t[p + i + BLOCKED] += t[p + i + _STOP]
 
 
-@inner
+@kernel
 def _keep_apart(t, p, q, least, width):
     """Stop the robots that approach each other within the shield's distance."""
     p, q = natural(p), natural(q)
@@ -166,7 +166,7 @@ def _keep_apart(t, p, q, least, width):
         t[q + i + _STOP] = max(t[q + i + _STOP], 1.0 if near & (o_nearer | neither) else 0.0)
 
 
-@inner
+@kernel
 def _touch(t, p, radius, width):
     """Whether a robot ends against a wall or an obstacle."""
     p = natural(p)
@@ -174,7 +174,7 @@ def _touch(t, p, radius, width):
         t[p + i + TOUCHES] = 1.0 if t[p + i + _GAP_END] < radius else 0.0
 
 
-@inner
+@kernel
 def _touch_robot(t, p, q, reach, width):
     """Whether two robots end against each other."""
     p, q = natural(p), natural(q)
@@ -183,7 +183,7 @@ def _touch_robot(t, p, q, reach, width):
         t[p + i + TOUCHES] = max(t[p + i + TOUCHES], 1.0 if end < reach * reach else 0.0)
 
 
-@inner
+@kernel
 def settle(t, count, width):
     """The ends become the poses."""
     for r in range(count):

@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from relloc_env.kernels._compile import inlined, inner
+from relloc_env.kernels._compile import inlined, kernel
 from relloc_env.kernels.world import DISC
 
 LAYER = 6
@@ -44,7 +44,7 @@ def free(layers, c, z, low, high):
     return left
 
 
-@inner
+@kernel
 def columns_of(layers, spans, columns, pose, mount, half_x, half_y, bodies, body_paints, obstacles, paints):
     """Find the upright parts of every column.
 
@@ -79,7 +79,7 @@ def columns_of(layers, spans, columns, pose, mount, half_x, half_y, bodies, body
                 here[k, 0], here[k, 1], here[k, 2] = np.inf, np.inf, -np.inf
 
 
-@inner
+@kernel
 def _insert(layers, count, z, top, bottom, bright, paint):
     """Put an upright part where its depth belongs. Returns the new count."""
     at = count
@@ -92,14 +92,14 @@ def _insert(layers, count, z, top, bottom, bright, paint):
     return count + 1
 
 
-@inner
+@kernel
 def _stand(layers, count, enter, leave, mount, height, bright, paint):
     """Add what stands on the floor from one depth to another; its top shows where it is below the camera."""
     top = (mount - height) / (leave if height < mount else enter)
     return _insert(layers, count, enter, top, mount / enter, bright, paint)
 
 
-@inner
+@kernel
 def _add_wall(layers, count, x, y, d_x, d_y, mount, half_x, half_y):
     """Add the wall of the arena that the column's plane meets, with a joint every metre."""
     if not math.isfinite(half_x):
@@ -116,7 +116,7 @@ def _add_wall(layers, count, x, y, d_x, d_y, mount, half_x, half_y):
     return _insert(layers, count, z, (mount - WALL_HEIGHT) / z, mount / z, bright, WALL)
 
 
-@inner
+@kernel
 def _add_disc(layers, count, x, y, d_x, d_y, mount, c_x, c_y, radius, height, paint):
     """Add an upright cylinder."""
     f_x, f_y = x - c_x, y - c_y
@@ -132,7 +132,7 @@ def _add_disc(layers, count, x, y, d_x, d_y, mount, c_x, c_y, radius, height, pa
     return _stand(layers, count, enter, leave, mount, height, bright, paint)
 
 
-@inner
+@kernel
 def _add_box(layers, count, x, y, d_x, d_y, mount, box, paint):
     """Add an upright box; `box` (7,) is a row of obstacles."""
     cos, sin = math.cos(box[5]), math.sin(box[5])

@@ -12,7 +12,7 @@ import math
 
 import numpy as np
 
-from relloc_env.kernels._compile import inlined, inner, kernel
+from relloc_env.kernels._compile import inlined, kernel
 from relloc_env.kernels.image_columns import columns_of, free, shade
 from relloc_env.kernels.lanes import natural
 from relloc_env.kernels.motion import advance
@@ -125,7 +125,7 @@ def render(
             _expose(out, start, steps, total, gains, sd, normals, seeds[p] + np.uint64(i) * _GOLDEN)
 
 
-@inner
+@kernel
 def _place(targets, order, points, size, view, mount, intrinsics, lens):
     """Targets in the camera's frame, (M, 8): X, Y, Z, size, first and last row and column; farthest first in `order`.
 
@@ -156,7 +156,7 @@ def _place(targets, order, points, size, view, mount, intrinsics, lens):
         order[at] = m
 
 
-@inner
+@kernel
 def _ground(line, shine, rays, view, straight):
     """Put the floor, tiles of two shades with joints every metre, and the sky of a row into `line` (3, W)."""
     p_x, p_y, cos, sin = np.float32(view[0]), np.float32(view[1]), np.float32(view[3]), np.float32(view[4])
@@ -177,7 +177,7 @@ def _ground(line, shine, rays, view, straight):
             light[j] = shine[j] * (floor if rays[1, j] > HORIZON else sky)
 
 
-@inner
+@kernel
 def _upright(line, part, rays, column_of, layers, spans, half, straight):
     """Blend a row of what is upright into `line` (3, W), farthest first; `half` is half a pixel's height as a ray.
 
@@ -205,7 +205,7 @@ def _upright(line, part, rays, column_of, layers, spans, half, straight):
                     line[channel, j] += part[j] * (layers[k, 3 + channel, natural(column_of[j])] - line[channel, j])
 
 
-@inner
+@kernel
 def _sphere(line, rays, column_of, layers, target, paint, half, view):
     """Blend a row of a sphere into `line`; `target` as of `_place`."""
     X, Y, Z, radius, cos, sin = target[0], target[1], target[2], target[3], view[3], view[4]
@@ -226,7 +226,7 @@ def _sphere(line, rays, column_of, layers, target, paint, half, view):
                 line[channel, j] += cover * (bright * paint[channel] - line[channel, j])
 
 
-@inner
+@kernel
 def _tag(line, rays, column_of, layers, target, cells, half):
     """Blend a row of an upright square tag that faces the camera; `target` as of `_place`."""
     X, Y, Z, reach = target[0], target[1], target[2], target[3]
@@ -250,7 +250,7 @@ def _tag(line, rays, column_of, layers, target, cells, half):
                 line[channel, j] += cover * (WHITE * total / hits - line[channel, j])
 
 
-@inner
+@kernel
 def _expose(out, start, steps, line, gains, sd, normals, seed):
     """Turn a row of light (3, W) into levels: gain of each channel, noise, clipping."""
     width = line.shape[1]

@@ -13,7 +13,7 @@ import numpy as np
 from relloc_env.kernels import anchors as an
 from relloc_env.kernels import depth_state as ds
 from relloc_env.kernels import pose_filter as pf
-from relloc_env.kernels._compile import inner, kernel
+from relloc_env.kernels._compile import kernel
 from relloc_env.kernels.lanes import W
 from relloc_env.kernels.local_map import depth_prior, map_correct, map_enter, map_predict
 
@@ -105,7 +105,7 @@ def show(pairs, options, filters, ring, pose, pose_covariance, rows):
         _show(t, lane, o, filters, ring, pairs, pose, pose_covariance, n)
 
 
-@inner
+@kernel
 def _reckon(t, options, dt, odometry, motion, kept):
     """Carry the dead reckoning of a robot over one sample, and keep it in the ring."""
     t[ds.DT] = dt
@@ -117,7 +117,7 @@ def _reckon(t, options, dt, odometry, motion, kept):
         motion[i] = kept[i] = t[an.OWN + i * W]
 
 
-@inner
+@kernel
 def _observe(filters, options, n, r, i, dt, odometry, image, seen, image_variance, work):
     """Predict a point over one sample by the exact arc; correct it if it is seen."""
     state, covariance, known = filters.state[n, r, i], filters.covariance[n, r, i], filters.known[n, r, i : i + 1]
@@ -134,7 +134,7 @@ def _observe(filters, options, n, r, i, dt, odometry, image, seen, image_varianc
         map_enter(state, covariance, known, 0, x, y, w, image_variance, rho, rho_variance)
 
 
-@inner
+@kernel
 def _to_plane(state, covariance, wanted, point):
     """A point (beta, eta, rho) as q = u(beta)/rho in the plane of the body, with its covariance, first order.
 
@@ -159,7 +159,7 @@ def _to_plane(state, covariance, wanted, point):
     point[an.USABLE // W] = 1.0
 
 
-@inner
+@kernel
 def _show(t, lane, options, filters, ring, pairs, pose, pose_covariance, n):
     """Write the poses of an environment at its last sample."""
     for p in range(pairs.shape[0]):

@@ -2,7 +2,7 @@
 
 import math
 
-from relloc_env.kernels._compile import inner, kernel
+from relloc_env.kernels._compile import kernel
 from relloc_env.kernels.motion import relative, wrap_angle
 from relloc_env.kernels.sensing import in_view
 from relloc_env.kernels.streams import integer, normal, uniform
@@ -16,13 +16,13 @@ ROBOT_TRIES = 60
 """Attempts at one robot's pose among given targets."""
 
 
-@inner
+@kernel
 def _between(low, high, stream):
     """Uniform in [low, high)."""
     return low + (high - low) * uniform(stream)
 
 
-@inner
+@kernel
 def _draw_points(points, fixed_points, stream, params, robots, obstacles):
     """Draw the targets that are not fixed: the first anywhere, the others around it. Returns whether they fit."""
     half_x, half_y = min(params.half_x, 20.0) - params.margin, min(params.half_y, 20.0) - params.margin
@@ -51,7 +51,7 @@ def _draw_points(points, fixed_points, stream, params, robots, obstacles):
     return True
 
 
-@inner
+@kernel
 def _within_reach(points, x, y, params):
     """Whether every target is within the limits of distance from a place."""
     for j in range(points.shape[0]):
@@ -61,7 +61,7 @@ def _within_reach(points, x, y, params):
     return True
 
 
-@inner
+@kernel
 def _draw_robot(pose, points, stream, r, params, robots, obstacles):
     """Draw one robot's pose around the targets. Returns whether it meets the conditions."""
     count = points.shape[0]
@@ -87,7 +87,7 @@ def _draw_robot(pose, points, stream, r, params, robots, obstacles):
     return True
 
 
-@inner
+@kernel
 def _all_in_view(pose, points, r, robots, others, obstacles):
     """Whether robot r sees every target past the robots before `others`."""
     seen = 0
@@ -96,7 +96,7 @@ def _all_in_view(pose, points, r, robots, others, obstacles):
     return seen == points.shape[0]
 
 
-@inner
+@kernel
 def _try_place(pose, points, fixed_poses, fixed_points, stream, params, robots, obstacles):
     """One attempt at targets and poses."""
     if not _draw_points(points, fixed_points, stream, params, robots, obstacles):
@@ -127,7 +127,7 @@ def _try_place(pose, points, fixed_poses, fixed_points, stream, params, robots, 
     return True
 
 
-@inner
+@kernel
 def _error(size, kind, stream):
     """An error of this size: of random sign, always positive, or Gaussian."""
     if kind == GAUSSIAN:
@@ -136,7 +136,7 @@ def _error(size, kind, stream):
     return -size if negative and kind != POSITIVE else size
 
 
-@inner
+@kernel
 def _draw_guesses(pose, points, guess_depth, guess_pose, stream, params, robots, pairs):
     """What the robots are told: true depths and relative poses with errors."""
     for r in range(robots.shape[0]):

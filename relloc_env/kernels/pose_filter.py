@@ -17,7 +17,7 @@ import numpy as np
 from relloc_env.kernels import anchors as an
 from relloc_env.kernels import depth_state as ds
 from relloc_env.kernels import relative_pose as rp
-from relloc_env.kernels._compile import inner
+from relloc_env.kernels._compile import kernel
 from relloc_env.kernels.lanes import W
 
 
@@ -34,7 +34,7 @@ class Ring(NamedTuple):
     """(N, P, L + 1, 38) anchors; the last is the one before the ring."""
 
 
-@inner
+@kernel
 def move_anchors(t, options, width):
     """`anchors.move_anchor` in all lanes."""
     o = options
@@ -48,14 +48,14 @@ def move_anchors(t, options, width):
             an.move_anchor(t, i, steps)
 
 
-@inner
+@kernel
 def move_heard(t, options, lane):
     """`anchors.move_anchor` in one lane, where a message has come."""
     if t[lane + an.HEARD] != 0.0:
         an.move_anchor(t, lane, options)
 
 
-@inner
+@kernel
 def take_points(t, options, width):
     """`anchors.take_point` in all lanes."""
     o = options
@@ -70,7 +70,7 @@ def take_points(t, options, width):
         an.accept(t, i)
 
 
-@inner
+@kernel
 def show_held(t, i, options):
     """The pose now is that of the anchor carried forward, with B's last velocity, lane `i`."""
     r_x, r_y, theta, _, _, p = an.leap(t, i, True, options)
@@ -78,21 +78,21 @@ def show_held(t, i, options):
     ds.put_six(t, i + an.POSE + 3 * W, p)
 
 
-@inner
+@kernel
 def _load(t, place, source):
     """Put numbers into a lane of the workspace."""
     for k in range(source.shape[0]):
         t[place + k * W] = source[k]
 
 
-@inner
+@kernel
 def _store(t, place, target):
     """Take numbers out of a lane of the workspace."""
     for k in range(target.shape[0]):
         target[k] = t[place + k * W]
 
 
-@inner
+@kernel
 def _to_sample(t, i, ring, e, row, a, b):
     """Load a sample of the ring into lane `i`: the clock and both motions."""
     _load(t, i + an.NOW, ring.clock[e, row])
@@ -100,7 +100,7 @@ def _to_sample(t, i, ring, e, row, a, b):
     _load(t, i + an.OTHER, ring.motion[e, row, b])
 
 
-@inner
+@kernel
 def listen(t, i, ring, e, p, a, b, sample, arrived, got, options):
     """Take in the messages that reach the observer of pair `p` at sample `sample` (counted from 0), with lane `i`.
 
@@ -151,7 +151,7 @@ def listen(t, i, ring, e, p, a, b, sample, arrived, got, options):
     return got
 
 
-@inner
+@kernel
 def present(t, i, ring, e, p, a, b, sample, got, options):
     """Put the pose of pair `p` at sample `sample`, predicted from the newest anchor, into lane `i`."""
     length = j = ring.clock.shape[1]

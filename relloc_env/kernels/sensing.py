@@ -8,7 +8,7 @@ import math
 import numpy as np
 
 from relloc_env.kernels import driving as dr
-from relloc_env.kernels._compile import inlined, inner
+from relloc_env.kernels._compile import inlined, kernel
 from relloc_env.kernels.camera import crosses_box, crosses_disc, view
 from relloc_env.kernels.elementary import sin_cos
 from relloc_env.kernels.lanes import W, natural
@@ -64,7 +64,7 @@ def _hides_box(x, y, z, p_x, p_y, p_z, c_x, c_y, half_x, half_y, cos, sin, heigh
     return (at >= 0.0) & (a_z + at * (b_z - a_z) < height)
 
 
-@inner
+@kernel
 def in_view(pose, points, r, i, robots, others, obstacles):
     """Whether robot r sees target i past the robots before `others` and obstacles; shapes (R, 3), (M, 3), (O, 7)."""
     x, y, height = pose[r, 0], pose[r, 1], robots[r].mount_height
@@ -91,7 +91,7 @@ def in_view(pose, points, r, i, robots, others, obstacles):
     return True
 
 
-@inner
+@kernel
 def look(t, points, sights, targets, robots, obstacles, width):
     """Image points of all targets for all robots, and which are in view.
 
@@ -118,7 +118,7 @@ def look(t, points, sights, targets, robots, obstacles, width):
                 _hide(t, p, q, s, obstacles, o, robots[r], width)
 
 
-@inner
+@kernel
 def _face(t, p, width):
     """Cosine and sine of a robot's heading."""
     p = natural(p)
@@ -126,7 +126,7 @@ def _face(t, p, width):
         t[p + i + dr.SIN], t[p + i + dr.COS] = sin_cos(t[p + i + dr.POSE + 2 * W])
 
 
-@inner
+@kernel
 def _project(t, p, q, s, robot, width):
     """One target in one robot's image."""
     p, q, s, height = natural(p), natural(q), natural(s), robot.mount_height
@@ -139,7 +139,7 @@ def _project(t, p, q, s, robot, width):
         t[s + i + X], t[s + i + Y] = x, y
 
 
-@inner
+@kernel
 def _hide_robot(t, p, q, s, other, robot, body, width):
     """Hide a target where another robot stands in the line of sight."""
     height, radius, top = robot.mount_height, body.radius, body.height
@@ -150,7 +150,7 @@ def _hide_robot(t, p, q, s, other, robot, body, width):
         t[s + i + VISIBLE] = min(t[s + i + VISIBLE], 0.0 if hides else 1.0)
 
 
-@inner
+@kernel
 def _hide(t, p, q, s, obstacles, o, robot, width):
     """Hide a target where an obstacle stands in the line of sight."""
     c_x, c_y, a, b = obstacles[o, 1], obstacles[o, 2], obstacles[o, 3], obstacles[o, 4]
@@ -177,7 +177,7 @@ def _detect(x, focal, centre, noise, step):
     return ((rounded if step > 0.0 else pixel) - centre) / focal
 
 
-@inner
+@kernel
 def detect(t, sights, robot, targets, width):
     """What one robot's camera makes of the targets in view: where, and whether one is missed.
 
@@ -198,7 +198,7 @@ def detect(t, sights, robot, targets, width):
             t[s + i + Y] = _detect(t[s + i + Y], focal, c_y, noise * t[s + i + NOISE + W], step)
 
 
-@inner
+@kernel
 def draw(t, live, streams, rows, begin, lanes, sights, targets, params, count):
     """Draw what a sample of the lanes that are `live` needs; how much does not depend on what is seen.
 
@@ -232,7 +232,7 @@ def frame_due(tick, rate):
     return rate >= 1.0 or tick == 0 or math.floor(tick * rate + 1e-9) > math.floor((tick - 1) * rate + 1e-9)
 
 
-@inner
+@kernel
 def exchange(deliver, streams, arrived, tick, n, place, params, pairs):
     """Send this sample's messages, and mark those that arrive now, from `place` of `arrived` on.
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from relloc_env.kernels import driving as dr
 from relloc_env.kernels import sensing as se
-from relloc_env.kernels._compile import inner, kernel
+from relloc_env.kernels._compile import kernel
 from relloc_env.kernels.lanes import W, natural, workspace
 from relloc_env.kernels.placement import place
 from relloc_env.kernels.streams import ACTUATOR, SCENARIO, fill_pairs, make_normal
@@ -60,7 +60,7 @@ def begin(
     return count
 
 
-@inner
+@kernel
 def _look(t, sights, targets, robots, obstacles, width):
     """What all cameras see, in all lanes."""
     se.look(t, robots.shape[0] * dr.ROBOT * W, sights, targets, robots, obstacles, width)
@@ -68,7 +68,7 @@ def _look(t, sights, targets, robots, obstacles, width):
         se.detect(t, sights + r * targets * se.SIGHT * W, robots[r], targets, width)
 
 
-@inner
+@kernel
 def _store(
     t, live, rows, begin, lanes, block, dt, sights, params, robots, pairs, visible, tick, position, deliver, streams,
     s_period, s_image, s_seen, s_arrived, t_pose, t_velocity, t_visible,
@@ -175,7 +175,7 @@ def advance(
     return waits
 
 
-@inner
+@kernel
 def _take_up(actions, rows, begin, lanes, robots, command, collided, blocked, position):
     """Take up new actions."""
     count = robots.shape[0]
@@ -191,7 +191,7 @@ def _take_up(actions, rows, begin, lanes, robots, command, collided, blocked, po
             blocked[at + r] = 0
 
 
-@inner
+@kernel
 def _load(t, rows, begin, lanes, robots, targets, pose, velocity, wheels, command, points, blocked):
     """Put the worlds of some environments into lanes."""
     count = robots.shape[0]
@@ -212,7 +212,7 @@ def _load(t, rows, begin, lanes, robots, targets, pose, velocity, wheels, comman
             t[i + j * W] = points[at + j]
 
 
-@inner
+@kernel
 def _touches(t, lane, count):
     """Whether any robot touches something."""
     touched = 0.0
@@ -221,7 +221,7 @@ def _touches(t, lane, count):
     return touched > 0.0
 
 
-@inner
+@kernel
 def _finish(t, n, lane, count, wheels, blocked):
     """Keep what the next action starts from."""
     for r in range(count):
@@ -230,7 +230,7 @@ def _finish(t, n, lane, count, wheels, blocked):
         blocked[at] = np.int64(t[i + dr.BLOCKED])
 
 
-@inner
+@kernel
 def _leave(t, n, lane, count, wheels, blocked, pending):
     """Hand a lane over to the contact solver."""
     _finish(t, n, lane, count, wheels, blocked)
@@ -240,7 +240,7 @@ def _leave(t, n, lane, count, wheels, blocked, pending):
             pending[at + j] = t[i + dr.END + j * W]
 
 
-@inner
+@kernel
 def _settle(t, live, rows, begin, lanes, count, pose, velocity, contact):
     """The motion of lanes that touched nothing is the truth now."""
     for lane in range(lanes):
@@ -253,7 +253,7 @@ def _settle(t, live, rows, begin, lanes, count, pose, velocity, contact):
                 contact[at] = False
 
 
-@inner
+@kernel
 def _measure_motion(t, live, rows, begin, lanes, block, robots, position, odometry):
     """Odometry: the true mean velocity with noise. Wheels measure speed and yaw rate; a slide goes unnoticed."""
     count = robots.shape[0]

@@ -14,7 +14,7 @@ import math
 
 import numpy as np
 
-from relloc_env.kernels._compile import inlined, inner, kernel
+from relloc_env.kernels._compile import inlined, kernel
 from relloc_env.kernels.elementary import log, sin_cos
 from relloc_env.kernels.lanes import W, natural
 
@@ -130,7 +130,7 @@ def normal(stream):
     return x
 
 
-@inner
+@kernel
 def _normal(s0, s1):
     """(standard normal, s0, s1): the state is held as numbers."""
     while True:
@@ -169,7 +169,7 @@ def stream_of(streams, n, purpose):
     return streams[at : at + 2]
 
 
-@inner
+@kernel
 def fill_pairs(streams, n, purpose, t, place, step, count):
     """Draw `count` pairs of uniform numbers of environment n, into places p and p + W for p = place, place + step, ...
 
@@ -187,7 +187,7 @@ def fill_pairs(streams, n, purpose, t, place, step, count):
     streams[at], streams[at + 1] = s0, s1
 
 
-@inner
+@kernel
 def make_normal(t, place, step, count, width):
     """Turn `count` such pairs into standard normals, in all lanes (Box and Muller): quicker there than the ziggurat."""
     for k in range(count):
@@ -198,7 +198,7 @@ def make_normal(t, place, step, count, width):
             t[p + i], t[p + i + W] = radius * cos, radius * sin
 
 
-@inner
+@kernel
 def fill_uniforms(streams, n, purpose, t, place, step, count):
     """Draw `count` numbers uniform in [0, 1) into places place, place + step, ...; `streams` is flat."""
     at, place = natural(2 * (n * PURPOSES + purpose)), natural(place)

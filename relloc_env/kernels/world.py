@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from relloc_env.kernels._compile import inlined, inner, kernel
+from relloc_env.kernels._compile import inlined, kernel
 from relloc_env.kernels.motion import sinc, wrap_angle
 
 DISC, BOX = 0.0, 1.0
@@ -109,7 +109,7 @@ def clearance(x, y, half_x, half_y, obstacles):
     return least
 
 
-@inner
+@kernel
 def settle_contact(pose, pending, velocity, contact, collided, n, params, robots, obstacles):
     """The pending poses, as the contact solver left them, become the poses; velocities follow from the displacement.
 
