@@ -4,6 +4,7 @@ numba compiles one kernel at a time in a process. What the other process stores 
 """
 
 import atexit
+import contextlib
 import functools
 import json
 import multiprocessing
@@ -24,6 +25,8 @@ if TYPE_CHECKING:
 
 ALONE = "RELLOC_ONE_PROCESS"
 """Environment variable: anything but empty or 0 keeps all compilation in this process."""
+_PATIENCE = 300.0
+"""[s] for which the other process is waited for."""
 _NONE = np.zeros(0, np.int64)
 
 
@@ -50,7 +53,8 @@ def compile_kernels(core: "Core") -> None:
     _begun().append(helper)
     atexit.register(helper.kill)
     core.compile_the_rest()
-    helper.wait()
+    with contextlib.suppress(subprocess.TimeoutExpired):  # then this process compiles what is left
+        helper.wait(_PATIENCE)
 
 
 def help_out(told: str) -> None:

@@ -20,8 +20,8 @@ class _Started:
         self.command, self.env, self.waited = command, env, False
         _Started.found.append(self)
 
-    def wait(self) -> None:
-        self.waited = True
+    def wait(self, timeout: float) -> None:
+        self.waited = timeout > 0.0
 
     def kill(self) -> None:
         pass

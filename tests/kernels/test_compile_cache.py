@@ -25,7 +25,7 @@ def inner(x):
 """,
     "outer.py": """
 from relloc_env.kernels._compile import kernel
-from relloc_env.kernels.inner import kernel
+from relloc_env.kernels.inner import inner
 
 @kernel
 def outer(x):
