@@ -1,7 +1,7 @@
-"""Rewards: a sum of named, weighted terms, all computed from the truth in one kernel.
+"""Rewards: a sum of named, weighted terms, computed from the truth; those of the bound come from `relloc_env.bound`.
 
-`TERMS` says what each term is. A term is added in three places, in the same order: its name in `config.REWARD_TERMS`,
-its meaning in `TERMS`, and its number in `score`.
+`TERMS` says what each term is. A term is added in four places, in the same order: its name in `config.REWARD_TERMS`,
+its meaning in `TERMS`, its index beside it, and its number in `score_action`.
 """
 
 import math

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from relloc_env.bound import carry_bound, pack_known, start_bound
 from relloc_env.config import ConfigError, EnvConfig
 from relloc_env.ends import pack_ends
-from relloc_env.envs.ahead import compile_kernels
 from relloc_env.envs.information import Information
 from relloc_env.envs.observation import Field, bounds, fields, observe, slices
 from relloc_env.envs.onboard import Onboard
+from relloc_env.envs.precompile import compile_kernels
 from relloc_env.envs.threads import LEAST, check_threads, parts, run
 from relloc_env.estimators.protocol import Estimator
 from relloc_env.kernels.lanes import flat, width_of
@@ -150,8 +150,8 @@ class Core(Sharing):
             )  # fmt: skip
         score_action(*self._scored, actions.reshape(-1), *self._scored_by, self.config.samples_per_action, rows, False)
 
-    def compile_the_rest(self) -> None:
-        """Compile all kernels but those of the estimator and of the motion: let them work on no environment."""
+    def compile_most(self) -> None:
+        """Compile most kernels but those of the estimator and of the motion: let them work on no environment."""
         none: Rows = self.everyone[:0]
         self.simulation.reset(none)
         self.onboard.tell(self.simulation.first, none, first=True)

@@ -47,6 +47,8 @@ _OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": F
 
 
 def _compile(function: F, **as_part: bool) -> F:
+    if is_set("NUMBA_DISABLE_JIT"):
+        return function
     compiled: Any = numba.njit(**_OPTIONS)(function)
     compiled.__class__ = _Kernel
     part_options = {**_OPTIONS, **as_part, "no_cpython_wrapper": True, "pipeline_class": _PartCompiler}
@@ -156,9 +158,14 @@ class _NoCache(NullCache):
         announce()
 
 
+def is_set(variable: str) -> bool:
+    """Whether an environment variable is anything but empty or 0."""
+    return os.environ.get(variable, "0") not in ("", "0")
+
+
 def is_awaited(function: Any) -> bool:
     """Whether a kernel has a cache, which holds nothing of it yet."""
-    cache = function._cache  # noqa: SLF001
+    cache = getattr(function, "_cache", None)
     return isinstance(cache, _KernelCache) and cache.is_empty()
 
 
@@ -194,7 +201,7 @@ def _source(path: Path) -> tuple[bytes, list[Path]]:
 @functools.cache
 def announce() -> None:
     """Say once in a process that something has to be compiled, since that takes a while."""
-    if os.environ.get(QUIET, "0") in ("", "0"):
+    if not is_set(QUIET):
         sys.stderr.write(
             "relloc_env: compiling kernels, half a minute or so; they are cached for the next time "
             f"({QUIET}=1 hides this)\n"

@@ -55,7 +55,7 @@ def make_nodes(points: int) -> NDArray[np.float64]:
 
 @kernel
 def _fill(problem, m, nodes, node, offset, mode, iterations, tolerance):
-    """Minimise all but the heading at a node, from the unknowns that it holds; keeps what it held if that was better.
+    """Minimise all but the heading at a node, from the unknowns that it holds.
 
     Args:
         problem, m, iterations, tolerance: as for `descent.minimise`.

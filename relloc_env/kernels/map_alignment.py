@@ -59,6 +59,9 @@ def align_pair(maps, pairs, options, heights, problem, starts, nodes, n, p, a, b
         n, p, a, b: environment, pair, observer and observed.
         back: the other direction, where that was aligned just now: its optimum is the challenger. Or -1.
         work: (≥ 6, ≥ 3) scratch.
+
+    Returns:
+        Whether there was an optimum: common points, a prior, a finite least cost.
     """
     slot = (maps.cursor[n] - pairs.age[n, p]) % maps.state.shape[1]
     m = load_maps(
@@ -71,10 +74,10 @@ def align_pair(maps, pairs, options, heights, problem, starts, nodes, n, p, a, b
         maps.confirmed[n, slot, b],
     )
     if m <= 0:
-        return
+        return False
     difference = heights[b] - heights[a]
     if not load_prior(problem, difference, options.height_sd, pairs.prior[n, p], pairs.prior_covariance[n, p]):
-        return
+        return False
     unknowns, last = 3 * m + 4, 3 * m + 1
     mode, second, turn = pairs.mode[n, p], pairs.second[n, p], pairs.turn[n, p]
     pairs.turn[n, p] = turn + 1
@@ -90,7 +93,7 @@ def align_pair(maps, pairs, options, heights, problem, starts, nodes, n, p, a, b
         elif source > 1 and back >= 0:
             x, y, theta = pairs.mode[n, back]
             pose = relative(x, y, theta, 0.0, 0.0, 0.0)
-            if abs(wrap_angle(pose[2] - best[last + 2])) < SECOND_HEADING:
+            if cost < math.inf and abs(wrap_angle(pose[2] - best[last + 2])) < SECOND_HEADING:
                 continue
             start_at(problem, m, pose, other)
         elif source > 1 and turn % every == 0:
@@ -124,7 +127,7 @@ def align_pair(maps, pairs, options, heights, problem, starts, nodes, n, p, a, b
                 second[i] = other[last + i]
             pose_covariance(problem, m, other_cov)
     if not cost < math.inf:
-        return
+        return False
     for i in range(3):
         mode[i] = best[last + i]
     apart = abs(wrap_angle(second[2] - mode[2])) > SECOND_HEADING
@@ -134,7 +137,7 @@ def align_pair(maps, pairs, options, heights, problem, starts, nodes, n, p, a, b
     sd = math.sqrt(max(anchored_cov[2, 2], cov[2, 2]))
     if options.grid_period > 0.0 and sd > GRID_SD:
         if pairs.since_grid[n, p] < options.grid_period:
-            return
+            return True
         pairs.since_grid[n, p] = 0.0
         node = heading_grid(
             problem,
@@ -152,7 +155,7 @@ def align_pair(maps, pairs, options, heights, problem, starts, nodes, n, p, a, b
         if node >= 0 and nodes[node, COST] < cost:
             for i in range(3):
                 mode[i] = nodes[node, FIRST + last + i]
-        return
+        return True
     for i in range(3):
         anchored[i] = mode[i]
         for j in range(3):
@@ -160,6 +163,7 @@ def align_pair(maps, pairs, options, heights, problem, starts, nodes, n, p, a, b
     if pairs.has_second[n, p]:
         log_odds = 0.5 * (rival_cost - cost + rival_log_det - log_det)
         mix(anchored, anchored_cov, second, other_cov, 1.0 / (1.0 + math.exp(min(log_odds, 700.0))))
+    return True
 
 
 @kernel
@@ -198,9 +202,11 @@ def take_samples(
                 renewed = keep_pair(maps, pairs, options, n, p, a, b, arrived[n, k, p], work)
                 if due and pairs.pending[n, p]:
                     back = find_back(pairs, n, p, a, b, robots, maps.ticks[n]) if options.mirror else -1
-                    if back < 0 or not mirror_pair(pairs, n, p, back, work):
-                        align_pair(maps, pairs, options, heights, problem, starts, nodes, n, p, a, b, back, work)
-                    pairs.when[n, p] = maps.ticks[n]
+                    done = back >= 0 and mirror_pair(pairs, n, p, back, work)
+                    if not done:
+                        done = align_pair(maps, pairs, options, heights, problem, starts, nodes, n, p, a, b, back, work)
+                    if done:
+                        pairs.when[n, p] = maps.ticks[n]
                     pairs.pending[n, p] = False
                     renewed = True
                 show_pose(maps, pairs, options, n, p, a, renewed, work)

@@ -37,6 +37,7 @@ def mirror_pair(pairs, n, p, q, work):
 
     Where the heading is well known, inverting a Gaussian leaves a Gaussian. Its information less that of the prior
     in it is that of the maps, Lambda; with the other prior the least squares have their minimum one Newton step away.
+    Between two grids of headings the other direction's pose is the last one, carried here by odometry; so is its prior.
 
     Args:
         pairs: see there.

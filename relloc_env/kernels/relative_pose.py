@@ -233,8 +233,8 @@ def correct(r_x, r_y, theta, p, y_0, y_1, h_0x, h_0y, h_0t, h_1x, h_1y, h_1t, rx
         p: six numbers, its covariance.
         y_0, y_1: innovation.
         h_0x, h_0y, h_0t, h_1x, h_1y, h_1t: rows of H.
-        rxx, rxy, ryy: covariance of the measurement; positive definite. One so great that S is singular in numbers
-            tells nothing: the pose stays.
+        rxx, rxy, ryy: covariance of the measurement; positive definite. Where S is so long and narrow that its
+            determinant is up to `SINGULAR` of the product of its diagonal, it is passed over: the pose stays.
 
     Returns:
         (r_x, r_y, theta, pxx, pxy, pxt, pyy, pyt, ptt) after the update.

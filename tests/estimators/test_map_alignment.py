@@ -315,9 +315,12 @@ def test_noise_of_a_robot_that_is_told_to_stand(share: float, grown: bool) -> No
     estimator.update(run.samples, rows)
     still, steps = part(run.samples, 1, 2), round(seconds / DT)
     still.odometry[:], still.seen[:] = 0.0, False
-    for k in range(steps + 6):
-        if k == 6:  # the grid of headings has been renewed since the last image
-            before = estimator.estimate.pose_covariance[0, 0, 2, 2]
+    for _ in range(
+        round((config.grid_period or 0.0) / DT) + 1
+    ):  # until the grid of headings is of after the last image
+        estimator.update(still, rows)
+    before = estimator.estimate.pose_covariance[0, 0, 2, 2]
+    for _ in range(steps):
         estimator.update(still, rows)
     added = estimator.estimate.pose_covariance[0, 0, 2, 2] - before
     # Both robots' headings: twice n (noise dt)². Maps that drift apart from each other add to the least squares alike.

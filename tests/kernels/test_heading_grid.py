@@ -90,9 +90,10 @@ def test_where_a_minimum_is_not_found_soon_holding_the_pose_first_helps() -> Non
     for seed in range(600):
         case = Case(10 + seed, (1e-4, 1e-3)[seed % 2], 0.08)
         problem, start = case.problem(), np.r_[case.a, 0.0, case.xi + 0.2]
-        plain, _, ended = descent.minimise(problem, POINTS, start.copy(), 10, 12, 1e-6)
+        *_, ended = descent.minimise(problem, POINTS, start.copy(), 10, 12, 1e-6)
         if not ended:
-            gains.append(plain - descent.settle(problem, POINTS, start.copy(), 10, 12, 1e-6)[0])
-    assert 10 <= len(gains) <= 90
+            plain, _, _ = descent.minimise(problem, POINTS, start.copy(), 10, 30, 1e-6)
+            gains.append(plain - descent.settle(problem, POINTS, start.copy(), 10, 30, 1e-6)[0])
+    assert len(gains) >= 10
     assert sum(gain > 0.1 for gain in gains) > 2 * sum(gain < -0.1 for gain in gains)
     assert np.mean(gains) > 1.0
