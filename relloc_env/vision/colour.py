@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from relloc_env.samples import Bool, Float
 from relloc_env.vision.lens import to_pixels
-from relloc_env.vision.outline import agreement, area_of, from_ellipse, from_rim, moments
+from relloc_env.vision.outline import agreement, area_of, from_ellipse, from_rim, moments, refined
 from relloc_env.vision.protocol import Detections, Detector, Picture, View
 
 SATURATION = 96
@@ -35,6 +35,9 @@ BLURRED, SMEARED = 1.4, 1.0
 those of a sphere's image."""
 LEAST_RIM, LEAST_PART = 0.5, 0.35
 """Shares of the edge that must be the sphere's outline, and of the sphere's image that must show."""
+
+UNSURE = 0.1
+"""[px] A centre whose standard deviation is greater, by the scatter of the edge about the outline, is not known."""
 
 
 class Blob(NamedTuple):
@@ -138,7 +141,9 @@ class ColourDetector:
             p, q = from_ellipse(centre, area)
             on = agreement(*edge, p, q)
             if on > LEAST_ROUND:
-                return p, on * size
+                fit = refined(*edge, p, q)
+                if fit is not None and fit.sd < UNSURE:
+                    return fit.p, on * size
             d = rays - centre
             spread, expected = np.einsum("ij,ijk,ijl->kl", weight, d, d) / area, moments(p, q)
             soft = rim.sum() / math.sqrt(4.0 * math.pi * size)
@@ -152,10 +157,10 @@ def _part(edge: tuple[Float, Float, float], area: float, size: float) -> tuple[F
     fit = from_rim(*edge)
     if fit is None:
         return None
-    p, q, on = fit
-    if on.mean() < LEAST_RIM or not LEAST_PART < area / area_of(p, q) < 1.1:
+    share = float(fit.on.mean())
+    if share < LEAST_RIM or fit.sd > UNSURE or not LEAST_PART < area / area_of(fit.p, fit.q) < 1.1:
         return None
-    return p, float(on.mean()) * size
+    return fit.p, share * size
 
 
 def _balanced(picture: Picture, white: Float) -> Picture:
@@ -174,7 +179,8 @@ def _cover(colours: NDArray[np.float32], inside: NDArray[np.uint8]) -> Float:
     the former is the share of the grey in it; how bright that grey is, the nearest pixels outside say.
     """
     near = cv2.dilate(inside, _SQUARE, iterations=2)
-    paint = colours[inside.astype(np.bool_)].sum(axis=0)
+    within = cv2.erode(inside, _SQUARE)  # without the rim, if there is more than that
+    paint = colours[(within if within.any() else inside).astype(np.bool_)].sum(axis=0)
     paint /= math.sqrt(paint @ paint)
     grey = colours @ (np.ones(3, np.float32) - paint.sum() * paint)
     outside = (1 - near).astype(np.float32)
