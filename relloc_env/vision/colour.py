@@ -26,8 +26,9 @@ LEAST_AREA = 12
 """[px] of a target in the picture."""
 MARGIN = 5
 """[px] around what was found that tell the background."""
-REACH = 9
-"""[px] edge of the square in which the grey around a pixel is looked for."""
+REACH, FALL = 9, 1.0
+"""[px] edge of the square in which the grey around a pixel is looked for, and standard deviation of the weights there:
+the nearest count most."""
 LEAST_ROUND = 0.8
 """Share of the edge that must be on the outline of a sphere that shows whole."""
 BLURRED, SMEARED = 1.4, 1.0
@@ -183,9 +184,9 @@ def _cover(colours: NDArray[np.float32], inside: NDArray[np.uint8]) -> Float:
     paint = colours[(within if within.any() else inside).astype(np.bool_)].sum(axis=0)
     paint /= math.sqrt(paint @ paint)
     grey = colours @ (np.ones(3, np.float32) - paint.sum() * paint)
-    outside = (1 - near).astype(np.float32)
-    count = cv2.blur(outside, (REACH, REACH))
-    around = cv2.blur(grey * outside, (REACH, REACH)) / np.maximum(count, 1e-6)
+    outside = (1 - cv2.dilate(inside, _SQUARE)).astype(np.float32)
+    count = cv2.GaussianBlur(outside, (REACH, REACH), FALL)
+    around = cv2.GaussianBlur(grey * outside, (REACH, REACH), FALL) / np.maximum(count, 1e-6)
     known = count > 1e-3
     around = np.where(known, around, around[known].mean() if known.any() else grey.max())
     return np.where(near > 0, np.clip(1.0 - grey / np.maximum(around, 1e-6), 0.0, 1.0), 0.0).astype(np.float64)
