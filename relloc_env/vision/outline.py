@@ -20,7 +20,7 @@ CLOSE, CLOSEST = 0.6, 0.1
 """[px] how far from an outline a point of its rim may be, and how far at least where most are much nearer."""
 SPREADS = 4.0
 """Points that are farther off than so many standard deviations of the others are not of the rim."""
-STEPS = 10
+STEPS = 6
 """Of a fit."""
 LEAST_ARC = 1.0 / 3.0
 """Share of an outline that must show."""
@@ -96,26 +96,25 @@ def refined(rays: Float, depth: Float, pixel: float, p: Float, q: float) -> Fit 
     The points are at last those that are as near as most of them are, however near that is: an edge a few tenths of a
     pixel away, or a background that changes at the rim, moves it no more.
     """
-    close = 2.0 * CLOSE
     for k in range(STEPS):
         value, slope = _inside(rays, p, q)
         miss = value / pixel - depth
-        on = np.abs(miss) < close
-        if on.sum() < LEAST_POINTS:
-            return None
-        slope = slope[on] / pixel
-        square = slope.T @ slope
-        step = np.linalg.lstsq(slope, -miss[on], rcond=None)[0]
-        p, q = p + step[:2], float(np.clip(q + step[2], 1e-8, 0.9))
+        far = np.abs(miss)
         close = 2.0 * CLOSE if k < 2 else CLOSE
         if k >= STEPS // 2:
-            near = np.abs(miss[np.abs(miss) < CLOSE])
+            near = far[far < close]
             close = min(max(SPREADS * 1.4826 * float(np.median(near)), CLOSEST), CLOSE) if near.size else CLOSE
-    spread = float(np.sqrt(np.mean(miss[on] ** 2)))
-    try:
-        variance = np.linalg.inv(square)
-    except np.linalg.LinAlgError:
-        return None
+        on = far < close
+        if on.sum() < LEAST_POINTS:
+            return None
+        slope, miss = slope[on] / pixel, miss[on]
+        try:
+            variance = np.linalg.inv(slope.T @ slope)
+        except np.linalg.LinAlgError:
+            return None
+        step = variance @ (slope.T @ miss)
+        p, q = p - step[:2], float(np.clip(q - step[2], 1e-8, 0.9))
+    spread = float(np.sqrt(np.mean(miss**2)))
     return Fit(p, q, on, spread * math.sqrt(max(float(variance[0, 0] + variance[1, 1]), 0.0)) / pixel)
 
 
