@@ -55,8 +55,8 @@ class ImageConfig(Model):
     distortion: tuple[Finite, Finite, Finite, Finite, Finite] = (0.0, 0.0, 0.0, 0.0, 0.0)
     """k1, k2, p1, p2, k3 of the lens, as OpenCV has them; robots know them."""
     detection_noise: Positive = 0.02
-    """[px] standard deviation of each coordinate of a detection, as estimators are told. The default is what the colour
-    detector has in these pictures (docs/vision.md); it is more for blur, glare or tags."""
+    """[px] standard deviation of each coordinate of a detection, as estimators are told. The default is more than the
+    colour detector has in plain pictures (docs/vision.md), and less than it has with blur, glare or tags."""
     detector: str | Callable[..., Any] = "colour"
     """who finds targets: `colour`, `apriltag`, or a factory of the user's own (`relloc_env.vision.protocol`) or its
     place, `module:Name` or `path/to/file.py:Name`."""

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from relloc_env.samples import Bool, Float
 from relloc_env.vision.lens import to_pixels
-from relloc_env.vision.outline import agreement, area_of, from_ellipse, from_rim, moments
+from relloc_env.vision.outline import agreement, area_of, from_ellipse, from_rim, moments, refined
 from relloc_env.vision.protocol import Detections, Detector, Picture, View
 
 SATURATION = 96
@@ -26,8 +26,9 @@ LEAST_AREA = 12
 """[px] of a target in the picture."""
 MARGIN = 5
 """[px] around what was found that tell the background."""
-REACH = 9
-"""[px] edge of the square in which the grey around a pixel is looked for."""
+REACH, FALL = 9, 1.0
+"""[px] edge of the square in which the grey around a pixel is looked for, and standard deviation of the weights there:
+the nearest count most."""
 LEAST_ROUND = 0.8
 """Share of the edge that must be on the outline of a sphere that shows whole."""
 BLURRED, SMEARED = 1.4, 1.0
@@ -35,6 +36,9 @@ BLURRED, SMEARED = 1.4, 1.0
 those of a sphere's image."""
 LEAST_RIM, LEAST_PART = 0.5, 0.35
 """Shares of the edge that must be the sphere's outline, and of the sphere's image that must show."""
+
+UNSURE = 0.1
+"""[px] A centre whose standard deviation is greater, by the scatter of the edge about the outline, is not known."""
 
 
 class Blob(NamedTuple):
@@ -138,7 +142,9 @@ class ColourDetector:
             p, q = from_ellipse(centre, area)
             on = agreement(*edge, p, q)
             if on > LEAST_ROUND:
-                return p, on * size
+                fit = refined(*edge, p, q)
+                if fit is not None and fit.sd < UNSURE:
+                    return fit.p, on * size
             d = rays - centre
             spread, expected = np.einsum("ij,ijk,ijl->kl", weight, d, d) / area, moments(p, q)
             soft = rim.sum() / math.sqrt(4.0 * math.pi * size)
@@ -152,10 +158,10 @@ def _part(edge: tuple[Float, Float, float], area: float, size: float) -> tuple[F
     fit = from_rim(*edge)
     if fit is None:
         return None
-    p, q, on = fit
-    if on.mean() < LEAST_RIM or not LEAST_PART < area / area_of(p, q) < 1.1:
+    share = float(fit.on.mean())
+    if share < LEAST_RIM or fit.sd > UNSURE or not LEAST_PART < area / area_of(fit.p, fit.q) < 1.1:
         return None
-    return p, float(on.mean()) * size
+    return fit.p, share * size
 
 
 def _balanced(picture: Picture, white: Float) -> Picture:
@@ -174,12 +180,13 @@ def _cover(colours: NDArray[np.float32], inside: NDArray[np.uint8]) -> Float:
     the former is the share of the grey in it; how bright that grey is, the nearest pixels outside say.
     """
     near = cv2.dilate(inside, _SQUARE, iterations=2)
-    paint = colours[inside.astype(np.bool_)].sum(axis=0)
+    within = cv2.erode(inside, _SQUARE)  # without the rim, if there is more than that
+    paint = colours[(within if within.any() else inside).astype(np.bool_)].sum(axis=0)
     paint /= math.sqrt(paint @ paint)
     grey = colours @ (np.ones(3, np.float32) - paint.sum() * paint)
-    outside = (1 - near).astype(np.float32)
-    count = cv2.blur(outside, (REACH, REACH))
-    around = cv2.blur(grey * outside, (REACH, REACH)) / np.maximum(count, 1e-6)
+    outside = (1 - cv2.dilate(inside, _SQUARE)).astype(np.float32)
+    count = cv2.GaussianBlur(outside, (REACH, REACH), FALL)
+    around = cv2.GaussianBlur(grey * outside, (REACH, REACH), FALL) / np.maximum(count, 1e-6)
     known = count > 1e-3
     around = np.where(known, around, around[known].mean() if known.any() else grey.max())
     return np.where(near > 0, np.clip(1.0 - grey / np.maximum(around, 1e-6), 0.0, 1.0), 0.0).astype(np.float64)

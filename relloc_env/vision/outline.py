@@ -6,6 +6,7 @@ pi q sqrt(1 + |p|² - q)/(1 - q)^(3/2), in normalised image coordinates: from bo
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,8 +16,12 @@ TRIPLES = 60
 """Outlines through three points of a rim that are tried."""
 LEAST_POINTS = 6
 """Points that must be on an outline."""
-CLOSE = 0.6
-"""[px] how far from an outline a point of its rim may be."""
+CLOSE, CLOSEST = 0.6, 0.1
+"""[px] how far from an outline a point of its rim may be, and how far at least where most are much nearer."""
+SPREADS = 4.0
+"""Points that are farther off than so many standard deviations of the others are not of the rim."""
+STEPS = 6
+"""Of a fit."""
 LEAST_ARC = 1.0 / 3.0
 """Share of an outline that must show."""
 SECTORS = 36
@@ -50,7 +55,20 @@ def moments(p: Float, q: float) -> Float:
     return 0.25 * (across * np.eye(2) + (along - across) * np.outer(unit, unit))
 
 
-def from_rim(rays: Float, depth: Float, pixel: float) -> tuple[Float, float, Bool] | None:
+class Fit(NamedTuple):
+    """An outline fitted to points of a rim."""
+
+    p: Float
+    """[-] (2,) where the sphere's centre is projected."""
+    q: float
+    """(R/Z)²"""
+    on: Bool
+    """(E,) which of the points are on the outline."""
+    sd: float
+    """[px] standard deviation of `p`, as the scatter of those points about the outline tells."""
+
+
+def from_rim(rays: Float, depth: Float, pixel: float) -> Fit | None:
     """The sphere's image of which only a part of the rim shows; other edges may be among the points.
 
     The outline that agrees with as many points as possible is found first, then fitted to those.
@@ -61,24 +79,43 @@ def from_rim(rays: Float, depth: Float, pixel: float) -> tuple[Float, float, Boo
         pixel: [-] size of a pixel.
 
     Returns:
-        p (2,) and q = (R/Z)², and which of the points are on the outline (E,); None where too little of it shows.
+        None where too little of it shows.
     """
     start = _cone(rays, depth * pixel, CLOSE * pixel)
-    if start is None:
+    fit = None if start is None else refined(rays, depth, pixel, *start)
+    if fit is None:
         return None
-    p, q = start
-    on = np.ones(len(rays), np.bool_)
-    for k in range(8):
+    d = rays[fit.on] - fit.p
+    sectors = np.unique(((np.arctan2(d[:, 1], d[:, 0]) / (2.0 * math.pi) + 0.5) * SECTORS).astype(int) % SECTORS)
+    return fit if sectors.size >= LEAST_ARC * SECTORS else None
+
+
+def refined(rays: Float, depth: Float, pixel: float, p: Float, q: float) -> Fit | None:
+    """Fit an outline, near to the one with `p` and `q`, to the points that agree with it; arguments as of `from_rim`.
+
+    The points are at last those that are as near as most of them are, however near that is: an edge a few tenths of a
+    pixel away, or a background that changes at the rim, moves it no more.
+    """
+    for k in range(STEPS):
         value, slope = _inside(rays, p, q)
         miss = value / pixel - depth
-        on = np.abs(miss) < CLOSE * (2.0 if k < 3 else 1.0)
+        far = np.abs(miss)
+        close = 2.0 * CLOSE if k < 2 else CLOSE
+        if k >= STEPS // 2:
+            near = far[far < close]
+            close = min(max(SPREADS * 1.4826 * float(np.median(near)), CLOSEST), CLOSE) if near.size else CLOSE
+        on = far < close
         if on.sum() < LEAST_POINTS:
             return None
-        step = np.linalg.lstsq(slope[on] / pixel, -miss[on], rcond=None)[0]
-        p, q = p + step[:2], float(np.clip(q + step[2], 1e-8, 0.9))
-    d = rays[on] - p
-    sectors = np.unique(((np.arctan2(d[:, 1], d[:, 0]) / (2.0 * math.pi) + 0.5) * SECTORS).astype(int) % SECTORS)
-    return (p, q, on) if sectors.size >= LEAST_ARC * SECTORS else None
+        slope, miss = slope[on] / pixel, miss[on]
+        try:
+            variance = np.linalg.inv(slope.T @ slope)
+        except np.linalg.LinAlgError:
+            return None
+        step = variance @ (slope.T @ miss)
+        p, q = p - step[:2], float(np.clip(q - step[2], 1e-8, 0.9))
+    spread = float(np.sqrt(np.mean(miss**2)))
+    return Fit(p, q, on, spread * math.sqrt(max(float(variance[0, 0] + variance[1, 1]), 0.0)) / pixel)
 
 
 def agreement(rays: Float, depth: Float, pixel: float, p: Float, q: float) -> float:

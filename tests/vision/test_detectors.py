@@ -93,6 +93,45 @@ def test_a_target_at_the_border_is_found_by_what_shows_of_it(cut, side) -> None:
     assert errors(found, truth).max() < 0.5
 
 
+@pytest.mark.parametrize("near", [0.0, 0.02])
+def test_a_background_that_changes_beside_a_target_does_not_move_it(near) -> None:
+    """A light post ends `near` [m] beside the outline, behind the target."""
+    post = {"shape": "box", "position": (4.0, 0.0), "size": (0.2, 1.0), "height": 2.0, "colour": (215, 215, 215)}
+    y = 0.5 * 3.0 / 3.9 + 0.1 + near
+    found, truth = look(world(targets=1, obstacles=[post]), [(3.0, y, 0.4)])
+    assert errors(found, truth).max() < 0.04
+
+
+@pytest.mark.parametrize("out", [0.2, 0.6, 1.0, 1.4, 1.8])
+def test_what_shows_of_a_target_mostly_out_of_the_picture_is_right_or_not_reported(out) -> None:
+    """It reaches `out` radii beyond the border; every other one is partly behind a nearer target. 20 places."""
+    config = world(targets=2)
+    focal, reported = view_of(config, 0).intrinsics[0], 0
+    rng = np.random.default_rng(6)
+    for k in range(20):
+        depth = rng.uniform(1.2, 4.0)
+        x = 320.0 / focal + 0.1 / depth * (out - 1.0)
+        y = rng.uniform(-0.3, 0.3)
+        before = (x - 0.1 / depth * rng.uniform(-1.0, 1.5), y + rng.choice([-1.0, 1.0]) * rng.uniform(0.15, 0.3))
+        nearer = 0.5 * depth if k % 2 else -3.0
+        points = [(nearer, -before[0] * nearer, 0.3 - before[1] * nearer), (depth, -x * depth, 0.3 - y * depth)]
+        found, truth = look(config, points, k)
+        away = errors(found, truth)[1]
+        assert not away > 1.0, (k, away)
+        reported += math.isfinite(away)
+    assert reported > (5 if out < 1.0 else -1)
+
+
+def test_a_corner_of_a_target_behind_a_nearer_one_is_right_or_not_reported() -> None:
+    """At the border of the picture, its centre outside; a small circle fits what shows of it. 50 places and noises."""
+    config, rng = world(targets=2), np.random.default_rng(6)
+    for k in range(50):
+        nearer, corner = np.array([(0.4413, -0.0901), (0.6175, -0.2423)]) + rng.uniform(-0.03, 0.03, (2, 2))
+        points = [(z, -x * z, 0.3 - y * z) for z, (x, y) in ((0.4579, nearer), (1.2549, corner))]
+        found, truth = look(config, points, k)
+        assert not errors(found, truth)[1] > 1.0, k
+
+
 @pytest.mark.parametrize("hidden", [0.2, 0.5, 0.8])
 def test_a_target_partly_behind_a_post_is_found_by_what_shows_of_it(hidden) -> None:
     """A post hides its left side; with `hidden` of the radius before the edge the centre still shows."""
