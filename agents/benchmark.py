@@ -130,6 +130,7 @@ class _Clock:
 
     def __init__(self, policy: Any) -> None:
         self._policy, self.seconds, self.actions = policy, 0.0, 0
+        self.what = type(policy).__name__
         self.knows_truth = getattr(policy, "knows_truth", False)
 
     def reset(self, n: int, seed: int) -> None:

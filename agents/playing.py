@@ -97,9 +97,10 @@ def play(
     for k in range(config.max_cycles):
         actions = np.asarray(policy.act(task.rows(observations)), np.float64)
         if actions.shape != shape:
+            what = getattr(policy, "what", type(policy).__name__)
             raise ValueError(
                 f"Argument `agents` must lead to policies whose `act` gives {shape} numbers with `action` "
-                f'"{config.action}", but {type(policy).__name__} gives {actions.shape}'
+                f'"{config.action}", but {what} gives {actions.shape}'
             )
         observations = env.step(actions.reshape(len(seeds), -1))[0]
         record.add(actions)
