@@ -59,17 +59,18 @@ def _fill(problem, m, nodes, node, offset, mode, iterations, tolerance):
 
     Args:
         problem, m, iterations, tolerance: as for `descent.minimise`.
-        nodes, node: where; its log weight is -inf if it is new.
+        nodes, node: where; its log weight is -inf afterwards where there is no minimum.
         offset, mode: [rad] the node's heading is their sum.
     """
     last = 3 * m + 1
     theta, row = last + 2, nodes[node]
+    row[WEIGHT] = -math.inf
     y, slopes = row[FIRST : FIRST + theta + 1], row[FIRST + theta + 1 :]
     y[theta] = mode + offset
     cost, log_det = settle(problem, m, y, theta, iterations, tolerance)
     row[OFFSET] = offset
     weight = -0.5 * (cost + log_det)
-    if not cost < math.inf or weight <= row[WEIGHT]:
+    if not cost < math.inf:
         return
     f, hessian = problem.factor, problem.hessian
     slope, curvature = -problem.gradient[theta], hessian[theta, theta]
@@ -91,7 +92,6 @@ def _fill(problem, m, nodes, node, offset, mode, iterations, tolerance):
 def _begin(problem, m, nodes, node, other, ahead):
     """Make a node new, with the unknowns to start from: those of the `other` one carried `ahead` [rad]."""
     size, step = 3 * m + 4, problem.step
-    nodes[node, WEIGHT] = -math.inf
     for i in range(size):
         step[i] = ahead * nodes[other, FIRST + size + i]
     go(m, nodes[other, FIRST:], step, nodes[node, FIRST:])
@@ -137,7 +137,6 @@ def _visit(problem, m, nodes, count, second, mode, iterations, tolerance):
     """
     size, apart = 3 * m + 4, wrap_angle(second[2] - mode)
     start_at(problem, m, second, nodes[count, FIRST : FIRST + size])
-    nodes[count, WEIGHT] = -math.inf
     _fill(problem, m, nodes, count, apart, mode, iterations, tolerance)
     node = 0
     while node < count and nodes[node, OFFSET] < apart:
@@ -193,7 +192,6 @@ def _place(problem, m, best, second, has_second, sd, iterations, tolerance, node
     """Place the nodes; arguments as of `heading_grid`. Returns their number; they are in order, from the first on."""
     size, middle = 3 * m + 4, MOST_NODES // 2
     mode = best[size - 1]
-    nodes[middle, WEIGHT] = -math.inf
     for i in range(size):
         nodes[middle, FIRST + i] = best[i]
     _fill(problem, m, nodes, middle, 0.0, mode, iterations, tolerance)

@@ -24,11 +24,17 @@ def find_back(pairs, n, p, a, b, robots, tick):
 
 
 @kernel
-def _prior_terms(pose, prior, info, gradient):
-    """Write half the gradient of |pose - prior|², weighed with `info`."""
+def _prior_terms(pose, prior, covariance, factor, info, gradient):
+    """Write a prior's information and half the gradient of |pose - prior|² weighed with it; whether there is one."""
+    for i in range(3):
+        for j in range(3):
+            factor[i, j] = covariance[i, j]
+    if not invert(factor, info, 3):
+        return False
     d_x, d_y, d_t = pose[0] - prior[0], pose[1] - prior[1], wrap_angle(pose[2] - prior[2])
     for i in range(3):
         gradient[i] = info[i, 0] * d_x + info[i, 1] * d_y + info[i, 2] * d_t
+    return True
 
 
 @kernel
@@ -54,12 +60,8 @@ def mirror_pair(pairs, n, p, q, work):
     pose, pull, push, shift = work[12, 0:3], work[13, 0:3], work[14, 0:3], work[15, 0:3]
     back = pairs.anchored[n, q]
     invert_pose(back, spread, pose, covariance)
-    for i in range(3):
-        for j in range(3):
-            factor[i, j] = pairs.prior_covariance[n, q, i, j]
-    if not invert(factor, prior_info, 3):
+    if not _prior_terms(back, pairs.prior[n, q], pairs.prior_covariance[n, q], factor, prior_info, pull):
         return False
-    _prior_terms(back, pairs.prior[n, q], prior_info, pull)
     # In this direction's frame: F = d(back)/d(pose), columns x, y, theta.
     for i in range(3):
         for j in range(3):
@@ -81,12 +83,8 @@ def mirror_pair(pairs, n, p, q, work):
                     prior_info[k, 0] * f[0, j] + prior_info[k, 1] * f[1, j] + prior_info[k, 2] * f[2, j]
                 )
             info[i, j] -= total
-    for i in range(3):
-        for j in range(3):
-            factor[i, j] = pairs.prior_covariance[n, p, i, j]
-    if not invert(factor, prior_info, 3):
+    if not _prior_terms(pose, pairs.prior[n, p], pairs.prior_covariance[n, p], factor, prior_info, push):
         return False
-    _prior_terms(pose, pairs.prior[n, p], prior_info, push)
     for i in range(3):
         push[i] += shift[i]
         for j in range(3):

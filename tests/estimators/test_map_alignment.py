@@ -315,9 +315,8 @@ def test_noise_of_a_robot_that_is_told_to_stand(share: float, grown: bool) -> No
     estimator.update(run.samples, rows)
     still, steps = part(run.samples, 1, 2), round(seconds / DT)
     still.odometry[:], still.seen[:] = 0.0, False
-    for _ in range(
-        round((config.grid_period or 0.0) / DT) + 1
-    ):  # until the grid of headings is of after the last image
+    renewal = round((config.grid_period or 0.0) / DT) + 1  # then the grid of headings is of after the last image
+    for _ in range(renewal):
         estimator.update(still, rows)
     before = estimator.estimate.pose_covariance[0, 0, 2, 2]
     for _ in range(steps):
