@@ -46,16 +46,21 @@ class Acting:
     def __init__(self, task: Task, layout: Layout, decide: Decide, what: str = "The policy") -> None:
         self._task, self._layout, self._decide = task, layout, decide
         self._fit = layout.fit(task, what)
+        self._fresh = True
 
-    def reset(self, n: int, seed: int) -> None:
-        """What is remembered of an episode ends with it."""
+    def reset(self, n: int, seed: int) -> None:  # noqa: ARG002 (every policy has them)
+        """Forget, at the next observation, what is remembered of the episodes before."""
+        self._fresh = True
 
     def act(self, observations: Float32) -> Float:
         """Ask the network."""
         n, robots = observations.shape[:2]
         count = n if self._layout.joint else n * robots
         rows = self._fit(observations).reshape(count, -1)
-        starts = self._task.time(observations) == 0.0 if "time" in self._task.slices else np.zeros(n, bool)
+        starts = np.full(n, self._fresh)
+        if "time" in self._task.slices:
+            starts |= self._task.time(observations) == 0.0
+        self._fresh = False
         new = np.repeat(starts, count // n)
         actions: Float = np.asarray(self._decide(rows, new), np.float64).reshape(n, robots, -1)
         return actions[..., : self._task.config.action_size]  # those of points that are not there come last

@@ -42,3 +42,24 @@ def test_says_what_is_wrong_with_a_file(tmp_path: Path) -> None:
     task = Task.of(load_config(estimator="cascade"))
     with pytest.raises(ValueError, match="no file"):
         agent(f"learned:{tmp_path / 'none.zip'}")(task)
+
+
+def test_what_is_remembered_ends_at_a_reset_where_no_time_is_seen() -> None:
+    """Pictures do not tell that an episode starts."""
+    from agents.layout import Layout
+    from agents.learned import Acting
+
+    task = Task.of(load_config(robots=1, observation="image", estimator=None, reward={"excitation": 1.0}))
+    told: list[list[bool]] = []
+
+    def decide(rows: Any, new: Any) -> Any:
+        told.append(new.tolist())
+        return np.zeros((len(rows), 2))
+
+    policy = Acting(task, Layout.of(task, joint=False), decide)
+    pictures = np.zeros((3, 1, task.size), np.float32)
+    for _ in range(2):
+        policy.reset(3, 0)
+        policy.act(pictures)
+        policy.act(pictures)
+    assert told == [[True] * 3, [False] * 3] * 2
