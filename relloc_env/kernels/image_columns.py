@@ -45,12 +45,13 @@ def free(layers, c, z, low, high):
 
 
 @kernel
-def columns_of(layers, spans, columns, pose, mount, half_x, half_y, bodies, body_paints, obstacles, paints):
+def columns_of(layers, spans, ends, columns, pose, mount, half_x, half_y, bodies, body_paints, obstacles, paints):
     """Find the upright parts of every column.
 
     Args:
         layers: (L, LAYER, C), written: in each column the nearest part first.
         spans: int64 (L, 2), written: the columns that have so many parts are from the first to before the second.
+        ends: float32 (L, 4), written: least and greatest upper end of these parts, least and greatest lower end.
         columns: (2,) ray of the first column, and the step to the next.
         pose: [m, m, rad] (3,) of the camera, and its height `mount`.
         half_x, half_y: half the size of the arena; infinite for an open floor.
@@ -59,6 +60,7 @@ def columns_of(layers, spans, columns, pose, mount, half_x, half_y, bodies, body
     """
     x, y, cos, sin = pose[0], pose[1], math.cos(pose[2]), math.sin(pose[2])
     spans[:, 0], spans[:, 1] = layers.shape[2], 0
+    ends[:, 0], ends[:, 1], ends[:, 2], ends[:, 3] = np.inf, -np.inf, np.inf, -np.inf
     for c in range(layers.shape[2]):
         ray = columns[0] + c * columns[1]
         d_x, d_y, here = cos + sin * ray, sin - cos * ray, layers[:, :, c]
@@ -75,6 +77,8 @@ def columns_of(layers, spans, columns, pose, mount, half_x, half_y, bodies, body
         for k in range(layers.shape[0]):
             if k < count:
                 spans[k, 0], spans[k, 1] = min(spans[k, 0], c), c + 1
+                ends[k, 0], ends[k, 1] = min(ends[k, 0], here[k, 1]), max(ends[k, 1], here[k, 1])
+                ends[k, 2], ends[k, 3] = min(ends[k, 2], here[k, 2]), max(ends[k, 3], here[k, 2])
             else:
                 here[k, 0], here[k, 1], here[k, 2] = np.inf, np.inf, -np.inf
 

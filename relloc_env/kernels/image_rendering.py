@@ -27,6 +27,9 @@ CHECKER, JOINT, NEAR_JOINT = np.float32(0.02), np.float32(0.08), np.float32(0.48
 """How much the tiles of the floor differ from its mean brightness, and their joints; where these begin, in tiles from
 the middle of one."""
 NOTHING, HALF, MOST = np.float32(0.0), np.float32(0.5), np.float32(255.0)
+STRIDE = 32
+"""Rows of a picture are worked on in so many pixels at once: the arrays are as wide as that many times a whole number,
+and what is beyond the picture is not shown."""
 REACH = 1.5
 """Of a sphere that a square tag fits in, in half edges of the tag with its border."""
 _GOLDEN = np.uint64(0x9E3779B97F4A7C15)
@@ -48,14 +51,15 @@ def render(
     out, places, steps, rays, column_of, columns, intrinsics, lens, poses, velocities, robot, shutter, mounts,
     half_x, half_y,
     sizes, paints_of_robots, obstacles, paints, points, target_size, colours, cells, gains, sd, normals, seeds,
-    layers, spans, targets, order, line, total, shine,
+    layers, spans, ends, targets, order, line, total, shine, levels,
 ):  # fmt: skip
     """Take P pictures.
 
     Args:
         out: uint8, flat, written.
         places: int64 (P,) where in `out` the pictures begin.
-        steps: int64 (3,) from one row, column, channel of a picture to the next: 3 W, 3, 1, or W, 1, H W.
+        steps: int64 (3,) from one row, column, channel of a picture to the next: 3 V, 3, 1, or V, 1, H V, where V is its
+            width; W is that of the arrays, see `STRIDE`.
         rays: float32 (H, 5, W) of the pixels' centres: x, y, and of the floor there its depth, its brightness and the
             contrast of its tiles; the brightness of the sky above the horizon.
         column_of: int32 (H, W) which of C columns they are in.
@@ -75,12 +79,14 @@ def render(
         cells: float32 (M, T, T) from 0 for black to 1 for white, of tags; T = 0 for spheres.
         gains: (3,) of the channels.
         sd: [levels] standard deviation of the noise.
-        normals: float32, standard normal numbers, more than 3 W; each row of a picture takes a stretch.
+        normals: float32, standard normal numbers, more than 3 V + STRIDE; each row of a picture takes a stretch.
         seeds: uint64 (P,) of the noise.
-        layers, spans, targets, order, line, total, shine: float32 (B, L, LAYER, C) with L of at least R + O, int64
-            (B, L, 2), (B, M, 8), int64 (B, M), float32 (3, W) twice, float32 (W,): room to work in.
+        layers, spans, ends, targets, order, line, total, shine, levels: float32 (B, L, LAYER, C) with L of at least
+            R + O, int64 (B, L, 2), float32 (B, L, 4), (B, M, 8), int64 (B, M), float32 (3, W) twice, float32 (W,), uint8
+            (3 W,): room to work in.
     """
-    moments, height, width = layers.shape[0], rays.shape[0], rays.shape[2]
+    moments, height, width = layers.shape[0], rays.shape[0], rays.shape[2]  # of the arrays
+    shown = steps[0] // steps[1]
     bodies, body_paints = np.zeros((poses.shape[1] - 1, 4)), np.zeros((poses.shape[1] - 1, 3))
     views, mount, half = np.zeros((moments, 5)), mounts[robot], 0.5 / intrinsics[1]
     straight, weight = not lens.any(), np.float32(1.0 / moments)
@@ -99,16 +105,23 @@ def render(
                         body_paints[k, channel] = paints_of_robots[r, channel]
                     k += 1
             columns_of(
-                layers[b], spans[b], columns, views[b], mount, half_x, half_y, bodies, body_paints, obstacles, paints
-            )
+                layers[b], spans[b], ends[b], columns, views[b], mount, half_x, half_y, bodies, body_paints, obstacles,
+                paints,
+            )  # fmt: skip
             _place(targets[b], order[b], points[p], target_size, views[b], mount, intrinsics, lens)
         for i in range(height):
             if moments > 1:
                 total[:] = 0.0
             for b in range(moments):
                 here = total if moments == 1 else line
-                _ground(here, shine, rays[i], views[b], straight)
-                _upright(here, shine, rays[i], column_of[i], layers[b], spans[b], half, straight)
+                if straight:  # pixels are their columns, and a row has one height
+                    behind = _behind(spans[b], ends[b], rays[i, 1, 0], half, width)
+                    if behind == spans.shape[1]:
+                        _ground(here, shine, rays[i], views[b], straight)
+                    _stack(here, shine, rays[i, 1, 0], layers[b], spans[b], ends[b], half, behind)
+                else:
+                    _ground(here, shine, rays[i], views[b], straight)
+                    _upright(here, shine, rays[i], column_of[i], layers[b], half)
                 for k in range(points.shape[1]):
                     m = order[b, k]
                     target = targets[b, m]
@@ -121,8 +134,14 @@ def render(
                     for channel in range(3):
                         for j in range(width):
                             total[channel, j] += line[channel, j] * weight
-            start = places[p] + i * steps[0]
-            _expose(out, start, steps, total, gains, sd, normals, seeds[p] + np.uint64(i) * _GOLDEN)
+            start, seed = places[p] + i * steps[0], seeds[p] + np.uint64(i) * _GOLDEN
+            # What is beyond the end of a row, the next one is written over.
+            count = width if i + 1 < height else shown
+            if steps[1] == 1:
+                _expose(out[start:], steps[2], total, count, shown, gains, sd, normals, seed)
+            else:
+                _expose(levels, width, total, count, shown, gains, sd, normals, seed)
+                _interleave(out[start:], levels, width, count)
 
 
 @kernel
@@ -161,7 +180,8 @@ def _ground(line, shine, rays, view, straight):
     """Put the floor, tiles of two shades with joints every metre, and the sky of a row into `line` (3, W)."""
     p_x, p_y, cos, sin = np.float32(view[0]), np.float32(view[1]), np.float32(view[3]), np.float32(view[4])
     if straight and rays[1, 0] <= HORIZON:
-        shine[:] = rays[3]
+        for j in range(shine.shape[0]):
+            shine[j] = rays[3, j]
     else:
         for j in range(shine.shape[0]):
             x, z = rays[0, j], rays[2, j]
@@ -177,32 +197,52 @@ def _ground(line, shine, rays, view, straight):
             light[j] = shine[j] * (floor if rays[1, j] > HORIZON else sky)
 
 
+@inlined
+def _behind(spans, ends, y, half, width):
+    """The nearest of what is upright that fills a whole row of a camera without distortion; L if none does."""
+    for k in range(spans.shape[0]):
+        if spans[k, 0] == 0 and spans[k, 1] == width and ends[k, 1] <= y - half and ends[k, 2] >= y + half:
+            return k
+    return spans.shape[0]
+
+
 @kernel
-def _upright(line, part, rays, column_of, layers, spans, half, straight):
-    """Blend a row of what is upright into `line` (3, W), farthest first; `half` is half a pixel's height as a ray.
+def _stack(line, part, y, layers, spans, ends, half, behind):
+    """Blend a row of what is upright into `line` (3, W), farthest first, from what fills it all: see `_behind`.
 
     One loop finds the parts of the pixels that are covered, `part` (W,); three blend the colours.
     """
-    half = np.float32(half)
-    per = HALF / half
-    for k in range(layers.shape[0] - 1, -1, -1):
-        first, last = spans[k, 0], spans[k, 1]
-        if straight and first < last:  # pixels are their columns
-            y, top, bottom = rays[1, first:last], layers[k, 1, first:last], layers[k, 2, first:last]
-            cover = part[first:last]
+    low, high = np.float32(y - half), np.float32(y + half)
+    per = np.float32(HALF / half)
+    if behind < layers.shape[0]:
+        for channel in range(3):
+            light, paint = line[channel], layers[behind, 3 + channel]
+            for j in range(light.shape[0]):
+                light[j] = paint[j]
+    for k in range(behind - 1, -1, -1):
+        if ends[k, 0] < high and ends[k, 3] > low:
+            first, last = STRIDE * (spans[k, 0] // STRIDE), STRIDE * -(-spans[k, 1] // STRIDE)
+            top, bottom, cover = layers[k, 1, first:last], layers[k, 2, first:last], part[first:last]
             for j in range(cover.shape[0]):
-                cover[j] = max(min(y[j] + half, bottom[j]) - max(y[j] - half, top[j]), NOTHING) * per
+                cover[j] = max(min(high, bottom[j]) - max(low, top[j]), NOTHING) * per
             for channel in range(3):
                 light, paint = line[channel, first:last], layers[k, 3 + channel, first:last]
                 for j in range(cover.shape[0]):
                     light[j] += cover[j] * (paint[j] - light[j])
-        elif first < last:
+
+
+@kernel
+def _upright(line, part, rays, column_of, layers, half):
+    """The same where a lens distorts, and neighbouring pixels may be in one column or at another height."""
+    half = np.float32(half)
+    per = HALF / half
+    for k in range(layers.shape[0] - 1, -1, -1):
+        for j in range(part.shape[0]):
+            c, y = natural(column_of[j]), rays[1, j]
+            part[j] = max(min(y + half, layers[k, 2, c]) - max(y - half, layers[k, 1, c]), NOTHING) * per
+        for channel in range(3):
             for j in range(part.shape[0]):
-                c, y_j = natural(column_of[j]), rays[1, j]
-                part[j] = max(min(y_j + half, layers[k, 2, c]) - max(y_j - half, layers[k, 1, c]), NOTHING) * per
-            for channel in range(3):
-                for j in range(part.shape[0]):
-                    line[channel, j] += part[j] * (layers[k, 3 + channel, natural(column_of[j])] - line[channel, j])
+                line[channel, j] += part[j] * (layers[k, 3 + channel, natural(column_of[j])] - line[channel, j])
 
 
 @kernel
@@ -251,21 +291,27 @@ def _tag(line, rays, column_of, layers, target, cells, half):
 
 
 @kernel
-def _expose(out, start, steps, line, gains, sd, normals, seed):
-    """Turn a row of light (3, W) into levels: gain of each channel, noise, clipping."""
-    width = line.shape[1]
-    at, sd = np.int64(mix(seed) % np.uint64(normals.shape[0] - line.size)), np.float32(sd)
+def _expose(levels, step, line, count, shown, gains, sd, normals, seed):
+    """Turn a row of light (3, W) into levels: gain of each channel, noise, clipping.
+
+    Args:
+        levels: uint8, written: `count` levels of each channel; `step` from one channel to the next.
+        shown: the width of the picture; the noise of the next channel begins after so many numbers.
+    """
+    at, sd = np.int64(mix(seed) % np.uint64(normals.shape[0] - STRIDE - 3 * shown)), np.float32(sd)
     for channel in range(3):
-        gain, light, noise = np.float32(gains[channel]), line[channel], normals[at : at + width]
-        if steps[1] == 1:
-            levels = out[start : start + width]
-            for j in range(width):
-                levels[j] = _level(gain * light[j] + sd * noise[j])
-        else:
-            spread = out[start : start + 3 * width : 3]
-            for j in range(width):
-                spread[j] = _level(gain * light[j] + sd * noise[j])
-        at, start = at + width, start + steps[2]
+        gain, light, noise = np.float32(gains[channel]), line[channel], normals[at + channel * shown :]
+        level = levels[channel * step : channel * step + count]
+        for j in range(level.shape[0]):
+            level[j] = _level(gain * light[j] + sd * noise[j])
+
+
+@kernel
+def _interleave(out, levels, step, count):
+    """Put a row of levels, channel by channel with `step` between them, into a picture whose channels are last."""
+    to, red, green, blue = out[: 3 * count], levels[:step], levels[step : 2 * step], levels[2 * step :]
+    for j in range(count):
+        to[3 * j], to[3 * j + 1], to[3 * j + 2] = red[j], green[j], blue[j]
 
 
 @inlined

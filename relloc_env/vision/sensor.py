@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from relloc_env.config import EnvConfig
 from relloc_env.kernels.image_columns import LAYER
-from relloc_env.kernels.image_rendering import HORIZON, render
+from relloc_env.kernels.image_rendering import HORIZON, STRIDE, render
 from relloc_env.kernels.streams import PICTURE, draw_u64
 from relloc_env.kernels.world import World
 from relloc_env.parameters import pack_obstacles
@@ -27,7 +27,7 @@ BORDER = 1.25
 @cache
 def _normals() -> NDArray[np.float32]:
     """Standard normal numbers for the noise of pixels."""
-    return np.random.default_rng(0).standard_normal(1 << 17, np.float32)
+    return np.random.default_rng(0).standard_normal((1 << 17) + STRIDE, np.float32)
 
 
 class Sensor:
@@ -47,7 +47,9 @@ class Sensor:
         rows, columns = np.mgrid[: view.height, : view.width] + 0.5
         rays = from_pixels(np.stack([columns, rows], axis=-1), view.intrinsics, view.lens)
         first, last = float(rays[..., 0].min()), float(rays[..., 0].max())
-        count = round((last - first) * f_x) + 1
+        count = _whole(round((last - first) * f_x) + 1)
+        rays = np.pad(rays, ((0, 0), (0, _whole(view.width) - view.width), (0, 0)), mode="edge")
+        width = rays.shape[1]
         moments = 1
         if image.shutter > 0.0:
             speed = config.robot_of(robot).max_yaw_rate * (1.0 + max(first * first, last * last))
@@ -76,8 +78,10 @@ class Sensor:
         self._room = (
             np.zeros((moments, len(robots) + len(obstacles), LAYER, count), np.float32),
             np.zeros((moments, len(robots) + len(obstacles), 2), np.int64),
+            np.zeros((moments, len(robots) + len(obstacles), 4), np.float32),
             np.zeros((moments, m, 8)), np.zeros((moments, m), np.int64),
-            *(np.zeros(shape, np.float32) for shape in ((3, view.width), (3, view.width), (view.width,))),
+            *(np.zeros(shape, np.float32) for shape in ((3, width), (3, width), (width,))),
+            np.zeros(3 * width, np.uint8),
         )  # fmt: skip
 
     def take(
@@ -122,6 +126,11 @@ class Pictures:
             seeds = np.empty(len(rows), np.uint64)
             draw_u64(world.streams, rows, PICTURE, seeds)
             sensor.take(out, poses, velocities, points, seeds, rows * out.shape[1] + r)
+
+
+def _whole(count: int) -> int:
+    """So many, or more for a whole number of strides."""
+    return -(-count // STRIDE) * STRIDE
 
 
 def _ground(rays: Float, mount: float, pixel: float) -> NDArray[np.float32]:
