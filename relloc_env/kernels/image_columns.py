@@ -52,7 +52,7 @@ def columns_of(layers, spans, ends, columns, pose, mount, half_x, half_y, bodies
         layers: (L, LAYER, C), written: in each column the nearest part first.
         spans: int64 (L, 2), written: the columns that have so many parts are from the first to before the second.
         ends: float32 (L, 4), written: least and greatest upper end of these parts, least and greatest lower end.
-        columns: (2,) ray of the first column, and the step to the next.
+        columns: (3,) ray of the first column, the step to the next, and how many there are.
         pose: [m, m, rad] (3,) of the camera, and its height `mount`.
         half_x, half_y: half the size of the arena; infinite for an open floor.
         bodies: (K, 4) x, y, radius, height of the other robots; `body_paints` (K, 3) their colours.
@@ -61,7 +61,7 @@ def columns_of(layers, spans, ends, columns, pose, mount, half_x, half_y, bodies
     x, y, cos, sin = pose[0], pose[1], math.cos(pose[2]), math.sin(pose[2])
     spans[:, 0], spans[:, 1] = layers.shape[2], 0
     ends[:, 0], ends[:, 1], ends[:, 2], ends[:, 3] = np.inf, -np.inf, np.inf, -np.inf
-    for c in range(layers.shape[2]):
+    for c in range(np.int64(columns[2])):
         ray = columns[0] + c * columns[1]
         d_x, d_y, here = cos + sin * ray, sin - cos * ray, layers[:, :, c]
         count = _add_wall(here, 0, x, y, d_x, d_y, mount, half_x, half_y)

@@ -50,7 +50,7 @@ def distort(x, y, lens):
 def render(
     out, places, steps, rays, column_of, columns, intrinsics, lens, poses, velocities, robot, shutter, mounts,
     half_x, half_y,
-    sizes, paints_of_robots, obstacles, paints, points, target_size, colours, cells, gains, sd, normals, seeds,
+    sizes, paints_of_robots, obstacles, paints, points, target_size, colours, cells, gains, noise, seeds,
     layers, spans, ends, targets, order, line, total, shine, levels,
 ):  # fmt: skip
     """Take P pictures.
@@ -63,7 +63,8 @@ def render(
         rays: float32 (H, 5, W) of the pixels' centres: x, y, and of the floor there its depth, its brightness and the
             contrast of its tiles; the brightness of the sky above the horizon.
         column_of: int32 (H, W) which of C columns they are in.
-        columns: (2,) ray of the first column, and the step to the next.
+        columns: (3,) ray of the first column, the step to the next, and how many there are; beyond them, all parts of
+            `layers` lack.
         intrinsics: [px] (4,) f_x, f_y, c_x, c_y.
         lens: (5,) see `distort`.
         poses, velocities: [m, m, rad] and [m/s, m/s, rad/s] (P, R, 3) of all robots in the middle of the exposure.
@@ -78,8 +79,8 @@ def render(
         colours: (M, 3) of spheres.
         cells: float32 (M, T, T) from 0 for black to 1 for white, of tags; T = 0 for spheres.
         gains: (3,) of the channels.
-        sd: [levels] standard deviation of the noise.
-        normals: float32, standard normal numbers, more than 3 V + STRIDE; each row of a picture takes a stretch.
+        noise: [levels] float32, random numbers around 1/2, since levels are then cut off; more than 3 V + STRIDE. Each row
+            of a picture takes a stretch.
         seeds: uint64 (P,) of the noise.
         layers, spans, ends, targets, order, line, total, shine, levels: float32 (B, L, LAYER, C) with L of at least
             R + O, int64 (B, L, 2), float32 (B, L, 4), (B, M, 8), int64 (B, M), float32 (3, W) twice, float32 (W,), uint8
@@ -115,13 +116,13 @@ def render(
             for b in range(moments):
                 here = total if moments == 1 else line
                 if straight:  # pixels are their columns, and a row has one height
-                    behind = _behind(spans[b], ends[b], rays[i, 1, 0], half, width)
+                    behind = _behind(spans[b], ends[b], rays[i, 1, 0], half, shown)
                     if behind == spans.shape[1]:
-                        _ground(here, shine, rays[i], views[b], straight)
+                        _ground_level(here, shine, rays[i], views[b])
                     _stack(here, shine, rays[i, 1, 0], layers[b], spans[b], ends[b], half, behind)
                 else:
-                    _ground(here, shine, rays[i], views[b], straight)
-                    _upright(here, shine, rays[i], column_of[i], layers[b], half)
+                    _ground(here, shine, rays[i], views[b])
+                    _upright(here, shine, rays[i], column_of[i], layers[b], spans[b], half)
                 for k in range(points.shape[1]):
                     m = order[b, k]
                     target = targets[b, m]
@@ -138,9 +139,9 @@ def render(
             # What is beyond the end of a row, the next one is written over.
             count = width if i + 1 < height else shown
             if steps[1] == 1:
-                _expose(out[start:], steps[2], total, count, shown, gains, sd, normals, seed)
+                _expose(out[start:], steps[2], total, count, shown, gains, noise, seed)
             else:
-                _expose(levels, width, total, count, shown, gains, sd, normals, seed)
+                _expose(levels, width, total, count, shown, gains, noise, seed)
                 _interleave(out[start:], levels, width, count)
 
 
@@ -175,33 +176,53 @@ def _place(targets, order, points, size, view, mount, intrinsics, lens):
         order[at] = m
 
 
+@inlined
+def _tile(x, y):
+    """How much the floor at (x, y) is brighter than its mean: tiles of two shades with joints every metre."""
+    a, b = np.floor(x), np.floor(y)
+    odd = HALF * (a + b)
+    checker = CHECKER if odd == np.floor(odd) else -CHECKER
+    return checker - (JOINT if max(abs(x - a - HALF), abs(y - b - HALF)) > NEAR_JOINT else NOTHING)
+
+
 @kernel
-def _ground(line, shine, rays, view, straight):
-    """Put the floor, tiles of two shades with joints every metre, and the sky of a row into `line` (3, W)."""
+def _ground(line, shine, rays, view):
+    """Put the floor and the sky of a row into `line` (3, W)."""
     p_x, p_y, cos, sin = np.float32(view[0]), np.float32(view[1]), np.float32(view[3]), np.float32(view[4])
-    if straight and rays[1, 0] <= HORIZON:
-        for j in range(shine.shape[0]):
-            shine[j] = rays[3, j]
-    else:
-        for j in range(shine.shape[0]):
-            x, z = rays[0, j], rays[2, j]
-            w_x, w_y = p_x + z * (cos + sin * x), p_y + z * (sin - cos * x)
-            a, b = np.floor(w_x), np.floor(w_y)
-            odd = HALF * (a + b)
-            checker = CHECKER if odd == np.floor(odd) else -CHECKER
-            joint = JOINT if max(abs(w_x - a - HALF), abs(w_y - b - HALF)) > NEAR_JOINT else NOTHING
-            shine[j] = rays[3, j] + rays[4, j] * (checker - joint)
+    for j in range(shine.shape[0]):
+        x, z = rays[0, j], rays[2, j]
+        shine[j] = rays[3, j] + rays[4, j] * _tile(p_x + z * (cos + sin * x), p_y + z * (sin - cos * x))
     for channel in range(3):
         floor, sky, light = np.float32(FLOOR[channel]), np.float32(SKY[channel]), line[channel]
         for j in range(light.shape[0]):
             light[j] = shine[j] * (floor if rays[1, j] > HORIZON else sky)
 
 
+@kernel
+def _ground_level(line, shine, rays, view):
+    """The same without distortion: a row has one height, and its floor one depth."""
+    z, bright, contrast, floor = rays[2, 0], rays[3, 0], rays[4, 0], rays[1, 0] > HORIZON
+    cos, sin = z * np.float32(view[3]), z * np.float32(view[4])
+    x, y = np.float32(view[0]) + cos, np.float32(view[1]) + sin
+    if floor:
+        for j in range(shine.shape[0]):
+            shine[j] = bright + contrast * _tile(x + sin * rays[0, j], y - cos * rays[0, j])
+    for channel in range(3):
+        light, flat = line[channel], bright * np.float32(SKY[channel])
+        if floor:
+            paint = np.float32(FLOOR[channel])
+            for j in range(light.shape[0]):
+                light[j] = paint * shine[j]
+        else:
+            for j in range(light.shape[0]):
+                light[j] = flat
+
+
 @inlined
-def _behind(spans, ends, y, half, width):
+def _behind(spans, ends, y, half, shown):
     """The nearest of what is upright that fills a whole row of a camera without distortion; L if none does."""
     for k in range(spans.shape[0]):
-        if spans[k, 0] == 0 and spans[k, 1] == width and ends[k, 1] <= y - half and ends[k, 2] >= y + half:
+        if spans[k, 0] == 0 and spans[k, 1] == shown and ends[k, 1] <= y - half and ends[k, 2] >= y + half:
             return k
     return spans.shape[0]
 
@@ -232,11 +253,13 @@ def _stack(line, part, y, layers, spans, ends, half, behind):
 
 
 @kernel
-def _upright(line, part, rays, column_of, layers, half):
+def _upright(line, part, rays, column_of, layers, spans, half):
     """The same where a lens distorts, and neighbouring pixels may be in one column or at another height."""
     half = np.float32(half)
     per = HALF / half
     for k in range(layers.shape[0] - 1, -1, -1):
+        if spans[k, 0] >= spans[k, 1]:
+            continue
         for j in range(part.shape[0]):
             c, y = natural(column_of[j]), rays[1, j]
             part[j] = max(min(y + half, layers[k, 2, c]) - max(y - half, layers[k, 1, c]), NOTHING) * per
@@ -291,19 +314,19 @@ def _tag(line, rays, column_of, layers, target, cells, half):
 
 
 @kernel
-def _expose(levels, step, line, count, shown, gains, sd, normals, seed):
+def _expose(levels, step, line, count, shown, gains, noise, seed):
     """Turn a row of light (3, W) into levels: gain of each channel, noise, clipping.
 
     Args:
         levels: uint8, written: `count` levels of each channel; `step` from one channel to the next.
         shown: the width of the picture; the noise of the next channel begins after so many numbers.
     """
-    at, sd = np.int64(mix(seed) % np.uint64(normals.shape[0] - STRIDE - 3 * shown)), np.float32(sd)
+    at = np.int64(mix(seed) % np.uint64(noise.shape[0] - STRIDE - 3 * shown))
     for channel in range(3):
-        gain, light, noise = np.float32(gains[channel]), line[channel], normals[at + channel * shown :]
+        gain, light, more = np.float32(gains[channel]), line[channel], noise[at + channel * shown :]
         level = levels[channel * step : channel * step + count]
         for j in range(level.shape[0]):
-            level[j] = _level(gain * light[j] + sd * noise[j])
+            level[j] = np.uint8(np.int32(min(max(gain * light[j] + more[j], NOTHING), MOST)))
 
 
 @kernel
@@ -312,9 +335,3 @@ def _interleave(out, levels, step, count):
     to, red, green, blue = out[: 3 * count], levels[:step], levels[step : 2 * step], levels[2 * step :]
     for j in range(count):
         to[3 * j], to[3 * j + 1], to[3 * j + 2] = red[j], green[j], blue[j]
-
-
-@inlined
-def _level(light):
-    """The nearest level."""
-    return np.uint8(np.int32(min(max(light + HALF, NOTHING), MOST)))

@@ -25,9 +25,10 @@ BORDER = 1.25
 
 
 @cache
-def _normals() -> NDArray[np.float32]:
-    """Standard normal numbers for the noise of pixels."""
-    return np.random.default_rng(0).standard_normal((1 << 17) + STRIDE, np.float32)
+def _noise(sd: float) -> NDArray[np.float32]:
+    """[levels] noise of pixels, and 1/2: see `kernels.image_rendering.render`."""
+    normals = np.random.default_rng(0).standard_normal((1 << 17) + STRIDE, np.float32)
+    return np.float32(sd) * normals + np.float32(0.5)
 
 
 class Sensor:
@@ -47,7 +48,7 @@ class Sensor:
         rows, columns = np.mgrid[: view.height, : view.width] + 0.5
         rays = from_pixels(np.stack([columns, rows], axis=-1), view.intrinsics, view.lens)
         first, last = float(rays[..., 0].min()), float(rays[..., 0].max())
-        count = _whole(round((last - first) * f_x) + 1)
+        count = round((last - first) * f_x) + 1
         rays = np.pad(rays, ((0, 0), (0, _whole(view.width) - view.width), (0, 0)), mode="edge")
         width = rays.shape[1]
         moments = 1
@@ -59,7 +60,7 @@ class Sensor:
         self._optics = (
             _ground(rays, camera.mount_height, 1.0 / float(view.intrinsics[1])),
             np.rint((rays[..., 0] - first) * f_x).astype(np.int32),
-            np.array([first, 1.0 / f_x]), view.intrinsics, view.lens,
+            np.array([first, 1.0 / f_x, count]), view.intrinsics, view.lens,
         )  # fmt: skip
         self._world = (
             robot, image.shutter, np.array([config.camera_of(r).mount_height for r in range(config.robots)]), *half,
@@ -74,9 +75,9 @@ class Sensor:
             _tags(m) if tags else np.zeros((m, 0, 0), np.float32),
         )
         gains = image.exposure * np.array(image.white_balance)
-        self._light = (gains, image.noise, _normals())
+        self._light = (gains, _noise(image.noise))
         self._room = (
-            np.zeros((moments, len(robots) + len(obstacles), LAYER, count), np.float32),
+            _nothing((moments, len(robots) + len(obstacles), LAYER, _whole(count))),
             np.zeros((moments, len(robots) + len(obstacles), 2), np.int64),
             np.zeros((moments, len(robots) + len(obstacles), 4), np.float32),
             np.zeros((moments, m, 8)), np.zeros((moments, m), np.int64),
@@ -131,6 +132,13 @@ class Pictures:
 def _whole(count: int) -> int:
     """So many, or more for a whole number of strides."""
     return -(-count // STRIDE) * STRIDE
+
+
+def _nothing(shape: tuple[int, ...]) -> NDArray[np.float32]:
+    """Upright parts (B, L, LAYER, C) of columns, none of which has any."""
+    layers = np.zeros(shape, np.float32)
+    layers[:, :, 0], layers[:, :, 1], layers[:, :, 2] = np.inf, np.inf, -np.inf
+    return layers
 
 
 def _ground(rays: Float, mount: float, pixel: float) -> NDArray[np.float32]:
