@@ -1,8 +1,9 @@
 """What a robot's camera takes as a picture: floor, walls, obstacles, other robots and the targets, in RGB.
 
 Each pixel blends the upright parts of its column (`kernels.image_columns`) that it shows, the floor or the sky behind
-them, and then the targets, farthest first, where no part is nearer. Edges are blended by the share of the pixel that
-they cover. The floor hides nothing, as for the analytic camera: a target that touches it is drawn whole.
+them, and then the targets (`kernels.image_targets`), farthest first, where no part is nearer. Edges are blended by the
+share of the pixel that they cover. The floor hides nothing, as for the analytic camera: a target that touches it is
+drawn whole.
 
 A ray is a pixel's normalised image coordinates (x, y), of the ideal camera: distortion of the lens is in their table.
 Lengths in [m], colours in levels from 0 to 255.
@@ -13,14 +14,13 @@ import math
 import numpy as np
 
 from relloc_env.kernels._compile import inlined, kernel
-from relloc_env.kernels.image_columns import columns_of, free, shade
+from relloc_env.kernels.image_columns import columns_of
+from relloc_env.kernels.image_targets import place, sphere, tag
 from relloc_env.kernels.lanes import natural
 from relloc_env.kernels.motion import advance
 from relloc_env.kernels.streams import mix
 
 FLOOR, SKY = (176.0, 172.0, 164.0), (212.0, 216.0, 220.0)
-WHITE = 235.0
-"""Of tags."""
 HORIZON = np.float32(1e-4)
 """Image coordinate below which the floor is."""
 CHECKER, JOINT, NEAR_JOINT = np.float32(0.02), np.float32(0.08), np.float32(0.48)
@@ -30,20 +30,7 @@ NOTHING, HALF, MOST = np.float32(0.0), np.float32(0.5), np.float32(255.0)
 STRIDE = 32
 """Rows of a picture are worked on in so many pixels at once: the arrays are as wide as that many times a whole number,
 and what is beyond the picture is not shown."""
-REACH = 1.5
-"""Of a sphere that a square tag fits in, in half edges of the tag with its border."""
 _GOLDEN = np.uint64(0x9E3779B97F4A7C15)
-
-
-@inlined
-def distort(x, y, lens):
-    """Where a lens puts an ideal image point (Brown and Conrady): `lens` is k1, k2, p1, p2, k3, in OpenCV's order."""
-    square = x * x + y * y
-    radial = 1.0 + square * (lens[0] + square * (lens[1] + square * lens[4]))
-    return (
-        x * radial + 2.0 * lens[2] * x * y + lens[3] * (square + 2.0 * x * x),
-        y * radial + lens[2] * (square + 2.0 * y * y) + 2.0 * lens[3] * x * y,
-    )
 
 
 @kernel
@@ -58,15 +45,15 @@ def render(
     Args:
         out: uint8, flat, written.
         places: int64 (P,) where in `out` the pictures begin.
-        steps: int64 (3,) from one row, column, channel of a picture to the next: 3 V, 3, 1, or V, 1, H V, where V is its
-            width; W is that of the arrays, see `STRIDE`.
+        steps: int64 (3,) from one row, column, channel of a picture to the next: 3 V, 3, 1, or V, 1, H V, where V is
+            its width; W is that of the arrays, see `STRIDE`.
         rays: float32 (H, 5, W) of the pixels' centres: x, y, and of the floor there its depth, its brightness and the
             contrast of its tiles; the brightness of the sky above the horizon.
         column_of: int32 (H, W) which of C columns they are in.
         columns: (3,) ray of the first column, the step to the next, and how many there are; beyond them, all parts of
             `layers` lack.
         intrinsics: [px] (4,) f_x, f_y, c_x, c_y.
-        lens: (5,) see `distort`.
+        lens: (5,) see `image_targets.distort`.
         poses, velocities: [m, m, rad] and [m/s, m/s, rad/s] (P, R, 3) of all robots in the middle of the exposure.
         robot: whose camera.
         shutter: [s] how long it is open; a picture is the mean of B moments.
@@ -79,37 +66,28 @@ def render(
         colours: (M, 3) of spheres.
         cells: float32 (M, T, T) from 0 for black to 1 for white, of tags; T = 0 for spheres.
         gains: (3,) of the channels.
-        noise: [levels] float32, random numbers around 1/2, since levels are then cut off; more than 3 V + STRIDE. Each row
-            of a picture takes a stretch.
+        noise: [levels] float32, random numbers around 1/2, since levels are then cut off; more than 3 V + STRIDE. Each
+            row of a picture takes a stretch.
         seeds: uint64 (P,) of the noise.
         layers, spans, ends, targets, order, line, total, shine, levels: float32 (B, L, LAYER, C) with L of at least
-            R + O, int64 (B, L, 2), float32 (B, L, 4), (B, M, 8), int64 (B, M), float32 (3, W) twice, float32 (W,), uint8
-            (3 W,): room to work in.
+            R + O, int64 (B, L, 2), float32 (B, L, 4), (B, M, 8), int64 (B, M), float32 (3, W) twice, float32 (W,),
+            uint8 (3 W,): room to work in.
     """
     moments, height, width = layers.shape[0], rays.shape[0], rays.shape[2]  # of the arrays
     shown = steps[0] // steps[1]
     bodies, body_paints = np.zeros((poses.shape[1] - 1, 4)), np.zeros((poses.shape[1] - 1, 3))
+    for k in range(body_paints.shape[0]):
+        body_paints[k] = paints_of_robots[k if k < robot else k + 1]
     views, mount, half = np.zeros((moments, 5)), mounts[robot], 0.5 / intrinsics[1]
     straight, weight = not lens.any(), np.float32(1.0 / moments)
     for p in range(poses.shape[0]):
         for b in range(moments):
-            t, k = shutter * ((b + 0.5) / moments - 0.5), 0
-            for r in range(poses.shape[1]):
-                u, v = poses[p, r], velocities[p, r]
-                x, y, theta = advance(u[0], u[1], u[2], v[0], v[1], v[2], t)
-                if r == robot:
-                    views[b, 0], views[b, 1], views[b, 2] = x, y, theta
-                    views[b, 3], views[b, 4] = math.cos(theta), math.sin(theta)
-                else:
-                    bodies[k, 0], bodies[k, 1], bodies[k, 2], bodies[k, 3] = x, y, sizes[r, 0], sizes[r, 1]
-                    for channel in range(3):
-                        body_paints[k, channel] = paints_of_robots[r, channel]
-                    k += 1
+            _move(views[b], bodies, poses[p], velocities[p], shutter * ((b + 0.5) / moments - 0.5), robot, sizes)
             columns_of(
                 layers[b], spans[b], ends[b], columns, views[b], mount, half_x, half_y, bodies, body_paints, obstacles,
                 paints,
             )  # fmt: skip
-            _place(targets[b], order[b], points[p], target_size, views[b], mount, intrinsics, lens)
+            place(targets[b], order[b], points[p], target_size, views[b], mount, intrinsics, lens)
         for i in range(height):
             if moments > 1:
                 total[:] = 0.0
@@ -128,9 +106,9 @@ def render(
                     target = targets[b, m]
                     if target[4] <= i <= target[5]:
                         if cells.shape[1] > 0:
-                            _tag(here, rays[i], column_of[i], layers[b], target, cells[m], half)
+                            tag(here, rays[i], column_of[i], layers[b], target, cells[m], half)
                         else:
-                            _sphere(here, rays[i], column_of[i], layers[b], target, colours[m], half, views[b])
+                            sphere(here, rays[i], column_of[i], layers[b], target, colours[m], half, views[b])
                 if moments > 1:
                     for channel in range(3):
                         for j in range(width):
@@ -146,34 +124,16 @@ def render(
 
 
 @kernel
-def _place(targets, order, points, size, view, mount, intrinsics, lens):
-    """Targets in the camera's frame, (M, 8): X, Y, Z, size, first and last row and column; farthest first in `order`.
-
-    What is not before the camera has no rows.
-    """
-    reach = REACH * size
-    for m in range(points.shape[0]):
-        d_x, d_y = points[m, 0] - view[0], points[m, 1] - view[1]
-        X, Y, Z = view[4] * d_x - view[3] * d_y, mount - points[m, 2], view[3] * d_x + view[4] * d_y
-        t = targets[m]
-        t[0], t[1], t[2], t[3], t[4], t[5], t[6], t[7] = X, Y, Z, size, 1.0, 0.0, 1.0, 0.0
-        if reach + 0.01 < Z:
-            square = Z * Z - reach * reach
-            root_x, root_y = math.sqrt(X * X + square), math.sqrt(Y * Y + square)
-            low_x, high_x = (X * Z - reach * root_x) / square, (X * Z + reach * root_x) / square
-            low_y, high_y = (Y * Z - reach * root_y) / square, (Y * Z + reach * root_y) / square
-            t[4], t[5], t[6], t[7] = 1e6, -1e6, 1e6, -1e6
-            for a in range(3):
-                for b in range(3):
-                    u, v = distort(low_x + 0.5 * a * (high_x - low_x), low_y + 0.5 * b * (high_y - low_y), lens)
-                    column, row = intrinsics[0] * u + intrinsics[2], intrinsics[1] * v + intrinsics[3]
-                    t[4], t[5] = max(min(t[4], row - 2.0), -1e6), min(max(t[5], row + 1.0), 1e6)
-                    t[6], t[7] = max(min(t[6], column - 2.0), -1e6), min(max(t[7], column + 1.0), 1e6)
-        at = m
-        while at > 0 and targets[order[at - 1], 2] < Z:
-            order[at] = order[at - 1]
-            at -= 1
-        order[at] = m
+def _move(view, bodies, poses, velocities, t, robot, sizes):
+    """Put down where the camera is after t seconds, x, y, theta, cos, sin, and the other robots, see `columns_of`."""
+    for r in range(poses.shape[0]):
+        u, v = poses[r], velocities[r]
+        x, y, theta = advance(u[0], u[1], u[2], v[0], v[1], v[2], t)
+        if r == robot:
+            view[0], view[1], view[2], view[3], view[4] = x, y, theta, math.cos(theta), math.sin(theta)
+        else:
+            b = bodies[r if r < robot else r - 1]
+            b[0], b[1], b[2], b[3] = x, y, sizes[r, 0], sizes[r, 1]
 
 
 @inlined
@@ -266,51 +226,6 @@ def _upright(line, part, rays, column_of, layers, spans, half):
         for channel in range(3):
             for j in range(part.shape[0]):
                 line[channel, j] += part[j] * (layers[k, 3 + channel, natural(column_of[j])] - line[channel, j])
-
-
-@kernel
-def _sphere(line, rays, column_of, layers, target, paint, half, view):
-    """Blend a row of a sphere into `line`; `target` as of `_place`."""
-    X, Y, Z, radius, cos, sin = target[0], target[1], target[2], target[3], view[3], view[4]
-    k = X * X + Y * Y + Z * Z - radius * radius
-    for j in range(np.int64(max(target[6], 0.0)), np.int64(min(target[7] + 1.0, column_of.shape[0]))):
-        x, y = float(rays[0, j]), float(rays[1, j])
-        dot, square = x * X + y * Y + Z, x * x + y * y + 1.0
-        inside = dot * dot - square * k  # 0 on the outline; the gradient makes it a distance
-        g_x, g_y = 2.0 * (dot * X - x * k), 2.0 * (dot * Y - y * k)
-        cover = min(0.5 + 0.5 * inside / (half * math.sqrt(g_x * g_x + g_y * g_y + 1e-30)), 1.0)
-        if cover > 0.0:
-            cover *= free(layers, natural(column_of[j]), Z, y - half, y + half)
-            at = (dot - math.sqrt(max(inside, 0.0))) / square
-            right, down, ahead = at * x - X, at * y - Y, at - Z
-            size = 1.0 / math.sqrt(right * right + down * down + ahead * ahead)
-            bright = shade((ahead * cos + right * sin) * size, (ahead * sin - right * cos) * size, -down * size)
-            for channel in range(3):
-                line[channel, j] += cover * (bright * paint[channel] - line[channel, j])
-
-
-@kernel
-def _tag(line, rays, column_of, layers, target, cells, half):
-    """Blend a row of an upright square tag that faces the camera; `target` as of `_place`."""
-    X, Y, Z, reach = target[0], target[1], target[2], target[3]
-    distance, count = math.sqrt(X * X + Z * Z), cells.shape[0]
-    right_x, right_z = Z / distance, -X / distance
-    for j in range(np.int64(max(target[6], 0.0)), np.int64(min(target[7] + 1.0, column_of.shape[0]))):
-        x, y = float(rays[0, j]), float(rays[1, j])
-        total, hits = 0.0, 0
-        for a in range(4):
-            for b in range(4):
-                s_x, s_y = x + half * (0.5 * a - 0.75), y + half * (0.5 * b - 0.75)
-                at = distance * distance / (s_x * X + Z)  # where the ray meets the tag's plane
-                u = ((at * s_x - X) * right_x + (at - Z) * right_z) / reach
-                v = (at * s_y - Y) / reach
-                if at > 0.0 and abs(u) < 1.0 and abs(v) < 1.0:
-                    total += cells[np.int64(0.5 * (v + 1.0) * count), np.int64(0.5 * (u + 1.0) * count)]
-                    hits += 1
-        if hits > 0:
-            cover = hits / 16.0 * free(layers, natural(column_of[j]), Z, y - half, y + half)
-            for channel in range(3):
-                line[channel, j] += cover * (WHITE * total / hits - line[channel, j])
 
 
 @kernel

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from relloc_env.kernels.image_rendering import distort
+from relloc_env.kernels.image_targets import distort
 from relloc_env.samples import Float
 
 
