@@ -118,6 +118,35 @@ def test_shows_what_a_ray_caster_shows() -> None:
     assert robot.max() < 125  # darker than all that is around
 
 
+@pytest.mark.parametrize("arena", [None, (12.0, 9.0)])
+@pytest.mark.parametrize("size", [(84, 84), (50, 40), (160, 120)])
+def test_short_cuts_of_level_rows_show_what_the_way_through_a_lens_shows(arena, size) -> None:
+    """A lens that hardly distorts takes the general way: every layer of every pixel, one by one."""
+    rng = np.random.default_rng(2)
+    pictures = []
+    for _ in range(10):
+        poses = np.column_stack([rng.uniform(-3.0, 3.0, (2, 2)), rng.uniform(-3.1, 3.1, 2)])
+        points = np.column_stack([rng.uniform(-4.0, 4.0, (2, 2)), rng.uniform(0.1, 1.0, 2)])
+        for distortion in ((0.0,) * 5, (1e-12, 0.0, 0.0, 0.0, 0.0)):
+            config = load_config(None, camera=camera(distortion=distortion), obstacles=OBSTACLES, arena=arena)
+            pictures.append(take(config, poses, points, size=size).astype(int))
+    level, general = np.array(pictures[::2]), np.array(pictures[1::2])
+    assert (np.abs(level - general) > 1).mean() < 1e-4  # at the edges of tiles, rounding decides
+    assert general.std() > 20
+
+
+@pytest.mark.parametrize("planar", [False, True])
+def test_pictures_side_by_side_in_memory_do_not_touch_each_other(planar) -> None:
+    config = load_config(None, camera=camera(noise=3.0))
+    sensor = Sensor(config, 0, (50, 40))
+    out = np.full((5, 3, 40, 50) if planar else (5, 40, 50, 3), 7, np.uint8)
+    seeds, places = np.array([4, 5], np.uint64), np.array([3, 1])
+    sensor.take(out, np.stack([POSES, POSES]), np.zeros((2, 2, 3)), np.stack([POINTS, POINTS]), seeds, places)
+    for place, seed in zip(places, seeds, strict=True):
+        assert np.array_equal(out[place], take(config, seed=seed, size=(50, 40), planar=planar))
+    assert np.all(out[[0, 2, 4]] == 7)
+
+
 def _sampled(levels: NDArray[np.float64], pixels: NDArray[Any]) -> Any:
     """Levels at places of an image [px]; the centre of the first pixel is at 0.5."""
     x, y = (pixels - 0.5).astype(np.float32).T
