@@ -132,7 +132,7 @@ def vision(
     pictures: Annotated[int, typer.Option(min=1, help="Pictures of each hard case.")] = 200,
     actions: Annotated[int | None, typer.Option(min=1, help="Actions of each episode; default: all.")] = None,
 ) -> None:
-    """Cameras that take pictures beside analytic ones (extra: vision): detections, poses, hard cases. Half an hour."""
+    """Cameras that take pictures beside analytic ones (extra: vision): detections, poses, hard cases. 20 minutes."""
     from benchmarks.report import progress
     from benchmarks.vision import run, tables
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 from agents.policy import Task
@@ -24,6 +25,7 @@ from relloc_env.scenarios import seeds
 
 FALSE = 5.0
 """[px] a detection farther from its target than this is one of something else."""
+SCENARIOS = ("paper-experiment", "open-field")
 ESTIMATORS = ("map-alignment", "cascade-critical", "inverse-depth", "cascade")
 BLOCK = 10
 """Episodes that are played at once."""
@@ -173,7 +175,7 @@ def run(
     }
     jobs = [
         (scenario, kind, motion, count)
-        for scenario, motion, count in (("paper-experiment", "paper", repetitions), ("open-field", name, episodes))
+        for scenario, motion, count in zip(SCENARIOS, ("paper", name), (repetitions, episodes), strict=True)
         for kind in ("analytic", "image")
     ]
     for k, (scenario, kind, motion, count) in enumerate(jobs):
@@ -225,55 +227,50 @@ def together(outcomes: Sequence[Outcome]) -> Outcome:
 def ratios(results: Mapping[str, Any]) -> dict[str, dict[str, float]]:
     """By scenario and estimator, position error through pictures over that of the analytic camera."""
     found: dict[str, dict[str, float]] = {}
-    for scenario in ("paper-experiment", "open-field"):
+    for scenario in SCENARIOS:
         image, analytic = (results["runs"][f"{scenario}, {kind}"]["poses"] for kind in ("image", "analytic"))
         found[scenario] = {e: image[e]["position_rms_m"] / analytic[e]["position_rms_m"] for e in image}
     return found
 
 
 def tables(results: Mapping[str, Any]) -> list[Table]:
-    """Detections, poses and hard cases, for a terminal."""
-    found = Table(title="Detections", title_justify="left")
-    for head in (
-        "run",
-        "episodes",
-        "pictures",
-        "false",
-        "median [px]",
-        "95 % [px]",
-        "sd x, y [px]",
-        "found of visible",
-    ):
-        found.add_column(head, justify="left" if head == "run" else "right")
-    poses = Table(title="Poses at the end", title_justify="left")
-    for head in (
-        "run",
-        "estimator",
-        "position rms [m]",
-        "over analytic",
-        "heading rms [deg]",
-        "NEES, mean",
-        "95 % band",
-    ):
-        poses.add_column(head, justify="left" if head in ("run", "estimator") else "right")
+    """Detections, poses and hard cases, for a terminal; ratios are of rms errors, to the analytic camera's."""
+    found = _table("Detections, px", "run", "pictures", "false", "median", "95 %", "greatest", "found")
+    bands = (
+        "{}: {:.1f} to {:.1f}".format(
+            scenario, *results["runs"][f"{scenario}, image"]["poses"][ESTIMATORS[0]]["nees_band"]
+        )
+        for scenario in SCENARIOS
+    )
+    poses = _table(
+        "Poses at the end, m. 95 % of mean NEES: " + "; ".join(bands),
+        "run", "estimator", "rms", "ratio", "median", "NEES",
+    )  # fmt: skip
     over = ratios(results)
     for name, row in results["runs"].items():
-        d = row["detections"]
-        found.add_row(
-            name, str(row["episodes"]), str(d["frames"]), str(d["false"]), f"{d['median_px']:.3f}",
-            f"{d['error_95_px']:.3f}", "{:.3f}, {:.3f}".format(*d["sd_px"]), f"{d['found_of_visible']:.3f}",
-        )  # fmt: skip
         scenario, _, kind = name.partition(", ")
-        for estimator, p in row["poses"].items():
+        d, run = row["detections"], f"{scenario},\n{kind}"
+        found.add_row(
+            run, f"{d['frames']:,}", str(d["false"]), f"{d['median_px']:.3f}", f"{d['error_95_px']:.3f}",
+            f"{d['greatest_px']:.2f}", f"{d['found_of_visible']:.3f}",
+        )  # fmt: skip
+        for k, (estimator, p) in enumerate(row["poses"].items()):
             ratio = f"{over[scenario][estimator]:.2f}" if kind == "image" else ""
             poses.add_row(
-                name, estimator, f"{p['position_rms_m']:.4f}", ratio, f"{p['heading_rms_deg']:.3f}",
-                f"{p['nees_mean']:.2f}", "{:.1f} to {:.1f}".format(*p["nees_band"]),
+                run.splitlines()[k] if k < 2 else "", estimator, f"{p['position_rms_m']:.2g}", ratio,
+                f"{p['position_median_m']:.2g}", f"{p['nees_mean']:.3g}",
             )  # fmt: skip
-    hard = Table(title="Hard cases, single pictures", title_justify="left")
-    for head in ("case", "found", "median [px]", "95 % [px]", "something else taken for it"):
-        hard.add_column(head, justify="left" if head == "case" else "right")
+    hard = _table("Hard cases, single pictures, px", "case", "found", "median", "95 %", "false")
     for name, t in results["trials"].items():
         pixels = ("–" if t[key] is None else f"{t[key]:.3f}" for key in ("median_px", "error_95_px"))
         hard.add_row(name, f"{t['found']:.3f}", *pixels, f"{t['false']:.3f}")
     return [found, poses, hard]
+
+
+def _table(title: str, *heads: str) -> Table:
+    """Return an empty one, narrow enough for 80 columns; words stand on the left."""
+    table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1))
+    for head in heads:
+        words = head in ("run", "estimator", "case")
+        table.add_column(head, justify="left" if words else "right", no_wrap=words)
+    return table

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from relloc_env.metrics import bound_range_sd, nees, nees_band, point_errors, pose_errors
 from relloc_env.pinhole import project
-from relloc_env.rewards import EXCITATION
 from relloc_env.samples import Estimate, Float
 
 if TYPE_CHECKING:
@@ -151,7 +150,7 @@ def scene(core: "Core", n: int, trails: list[Float], course: "Course") -> "Scene
 
 def instant(core: "Core", n: int) -> "Instant":
     """Errors of environment n, how they compare with what is claimed and with what is possible, and excitation."""
-    from relloc_env.rendering.course import Instant
+    from relloc_env.rendering.course import Instant, least_excitation
 
     config, score, world = core.config, core.score, core.simulation.world
     robots = config.robots
@@ -164,8 +163,7 @@ def instant(core: "Core", n: int) -> "Instant":
         if robots > 1:
             position, heading = score.pose_error[n].T
         honest = _honesty(core, n)
-    action = config.samples_per_action * config.sample_period
-    excitation = np.sqrt(score.terms[n, :, EXCITATION] / action) if core.elapsed[n] else none
+    excitation = least_excitation(core.simulation.samples, n, slice(None)) if core.elapsed[n] else none
     now = Instant(float(world.tick[n]) * config.sample_period, depth, position, heading, honest, excitation)
     if not config.tracks_bound:
         return now

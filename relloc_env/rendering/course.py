@@ -5,8 +5,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from relloc_env.kernels.information import excitation
 from relloc_env.rendering.scene import Strip
-from relloc_env.samples import Float
+from relloc_env.samples import Float, Samples
 
 
 class Instant(NamedTuple):
@@ -23,11 +24,32 @@ class Instant(NamedTuple):
     nees: Float
     """(R,) of the other robot's pose; for a single robot the mean over its known points."""
     excitation: Float
-    """[m/s] (R,) least excitation sigma of a point."""
+    """[m/s] (R,) least excitation sigma of a point in view, see `least_excitation`."""
     depth_bound: float = math.nan
     """[m] what any estimator's worst range is uncertain by at least, one standard deviation."""
     position_bound: float = math.nan
     """[m] the same of the position of robot B in {A}."""
+
+
+def least_excitation(samples: Samples, n: int, rows: slice) -> Float:
+    """How much the motion tells of the depth of the worst point in view.
+
+    Args:
+        samples: what the robots measured.
+        n: of which environment.
+        rows: in which samples.
+
+    Returns:
+        [m/s] (R,) root mean square of sigma over those samples in which a point was seen, the least of all points;
+        NaN where none was.
+    """
+    odometry, image, seen = (part[n, rows] for part in (samples.odometry, samples.image, samples.seen))
+    speed, lateral = odometry[..., None, 0].astype(np.float64), odometry[..., None, 1].astype(np.float64)
+    square = excitation(image[..., 0].astype(np.float64), np.nan_to_num(image[..., 1]), speed, lateral)
+    count = seen.sum(axis=0)
+    mean = np.where(seen, square, 0.0).sum(axis=0) / np.maximum(count, 1)
+    least = np.where(count > 0, mean, np.inf).min(axis=1)
+    return np.sqrt(np.where(np.isfinite(least), least, np.nan))
 
 
 class Course:
@@ -61,7 +83,7 @@ class Course:
         """Depth error, pose error, NEES and excitation, those of them that there are."""
         r, table = self._robots, self._table[: self._count]
         time, depth_bound, position_bound = (table[:, k].copy() for k in range(3))
-        depth, position, heading, nees, excitation = (table[:, 3 + k * r : 3 + (k + 1) * r].T.copy() for k in range(5))
+        depth, position, heading, nees, excited = (table[:, 3 + k * r : 3 + (k + 1) * r].T.copy() for k in range(5))
         told = [
             Strip("depth error [m]", time, depth, _words(depth), (0.003, 5.0), bound=_any(depth_bound)),
             Strip(
@@ -72,7 +94,7 @@ class Course:
             Strip("NEES", time, nees, [_large(v) for v in _last(nees)], (0.05, 500.0), band=self._band),
         ]  # fmt: skip
         told = [strip for strip in told if strip.bound is not None or np.isfinite(strip.lines).any()]
-        return [*told, Strip("excitation [m/s]", time, excitation, _words(excitation, 3), (0.001, 0.5))]
+        return [*told, Strip("excitation [m/s]", time, excited, _words(excited, 3), (0.001, 0.5))]
 
 
 def _any(values: Float) -> Float | None:

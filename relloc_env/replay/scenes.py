@@ -8,7 +8,7 @@ import numpy as np
 
 from relloc_env.parameters import pack_obstacles
 from relloc_env.pinhole import project
-from relloc_env.rendering.course import Course, Instant
+from relloc_env.rendering.course import Course, Instant, least_excitation
 from relloc_env.rendering.scene import CameraGeometry, Scene, target_colours
 from relloc_env.replay.scores import NEES_BAND
 from relloc_env.replay.settings import environment_of
@@ -100,7 +100,5 @@ def _instant(run: "Run", k: int, time: float) -> Instant:
         honest = np.where(np.isfinite(honest), honest, np.nan)
         if first[0].bound is not None:
             pose_bound = float(np.sqrt(np.trace(first[0].bound[k, :2, :2])))
-    s = log.samples
-    reach = np.where(s.seen[0, k], np.hypot(s.image[0, k, :, :, 0], np.nan_to_num(s.image[0, k, :, :, 1])), 0.0)
-    excitation = np.abs(s.odometry[0, k, :, 0]) * reach.min(axis=1)
-    return Instant(time, depth, position, heading, honest, excitation.astype(np.float64), bound, pose_bound)
+    excitation = least_excitation(log.samples, 0, slice(k, k + 1))
+    return Instant(time, depth, position, heading, honest, excitation, bound, pose_bound)
