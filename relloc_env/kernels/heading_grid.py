@@ -36,6 +36,9 @@ LEAST_GAP = 1e-4
 """[rad] nodes nearer to each other are not parted: there the weight jumps from one minimum of the rest to another."""
 TOLERANCE = 1e-2
 """[-] the rest is minimised at a node until the next step promises to lower J by less; that step is still taken."""
+OVERSHOOT = 2.0
+"""[-] a cubic rises above the ends and the middle of its cell by less: where the weight falls by thousands from one end
+to the other, which no cubic follows, it may not."""
 
 OFFSET, WEIGHT, X, Y, XX, XY, YY, COST, SLOPE, CURVATURE = range(10)
 """Columns of a node: heading less that of the optimum, log weight, position and its covariance, J, first derivative of
@@ -250,7 +253,8 @@ def heading_grid(problem, m, best, second, has_second, sd, iterations, tolerance
     for node in range(count - 1):
         a, b = nodes[node], nodes[node + 1]
         gap = b[OFFSET] - a[OFFSET]
-        if max(a[WEIGHT], b[WEIGHT], _middle(nodes, node)) < top - 40.0:
+        high = max(a[WEIGHT], b[WEIGHT], _middle(nodes, node)) - top
+        if high < -40.0:
             continue
         rest_a, rest_b = a[WEIGHT] + 0.5 * a[COST] - top, b[WEIGHT] + 0.5 * b[COST] - top
         for k in range(4):
@@ -259,7 +263,8 @@ def heading_grid(problem, m, best, second, has_second, sd, iterations, tolerance
             # Hermite's cubics, and the straight line of what has no slope.
             h_a, h_b, g_a, g_b = u * u * (1.0 + 2.0 * t), t * t * (3.0 - 2.0 * t), gap * t * u * u, -gap * t * t * u
             log_weight = g_a * a[SLOPE] + g_b * b[SLOPE] - 0.5 * (h_a * a[COST] + h_b * b[COST])
-            weight = gap * _SHARE[k] * math.exp(min(log_weight + u * rest_a + t * rest_b, 50.0))
+            log_weight = min(log_weight + u * rest_a + t * rest_b, high + OVERSHOOT, 50.0)
+            weight = gap * _SHARE[k] * math.exp(log_weight)
             x = h_a * (a[X] - at_x) + h_b * (b[X] - at_x) + g_a * a[d_x] + g_b * b[d_x]
             y = h_a * (a[Y] - at_y) + h_b * (b[Y] - at_y) + g_a * a[d_y] + g_b * b[d_y]
             theta = wrap_angle(a[OFFSET] + t * gap - at_t)

@@ -30,6 +30,8 @@ SECOND_COST = 12.0
 """[-] an optimum whose J is higher by less is kept as a second mode."""
 SECOND_HEADING = 0.03
 """[rad] two optima whose headings differ by less are one."""
+FIRST_CHALLENGERS = 6
+"""Headings all around from which the first alignment is sought; later ones try another twelfth of the circle each."""
 GRID_SD = 0.02
 """[rad] standard deviation of the heading above which the pose comes from a grid of headings."""
 
@@ -57,7 +59,8 @@ def align_pair(maps, pairs, options, heights, problem, starts, nodes, n, p, a, b
         problem: the workspace of the alignment.
         starts: (≥ 2, 3 M + 4) and nodes: scratch; see `scratch`.
         n, p, a, b: environment, pair, observer and observed.
-        back: the other direction, where that was aligned just now: its optimum is the challenger. Or -1.
+        back: the other direction, where that was aligned just now: its optimum is the first challenger, and after the
+            first alignment the only one. Or -1.
         work: (≥ 6, ≥ 3) scratch.
 
     Returns:
@@ -85,20 +88,22 @@ def align_pair(maps, pairs, options, heights, problem, starts, nodes, n, p, a, b
     best, other = starts[0], starts[1]
     cov, other_cov = work[0:3, 0:3], work[3:6, 0:3]
     cost, log_det, rival_cost, rival_log_det = math.inf, 0.0, math.inf, 0.0
-    for source in range(2 + (options.challengers if back < 0 else 1)):
+    first = not pairs.aligned[n, p]
+    challengers = FIRST_CHALLENGERS if first else (options.challengers if back < 0 else 1)
+    for source in range(2 + challengers):
         if source == 0:
             start_at(problem, m, mode, other)
         elif source == 1 and pairs.has_second[n, p]:
             start_at(problem, m, second, other)
-        elif source > 1 and back >= 0:
+        elif source == 2 and back >= 0:
             x, y, theta = pairs.mode[n, back]
             pose = relative(x, y, theta, 0.0, 0.0, 0.0)
             if cost < math.inf and abs(wrap_angle(pose[2] - best[last + 2])) < SECOND_HEADING:
                 continue
             start_at(problem, m, pose, other)
         elif source > 1 and turn % every == 0:
-            place = (turn // every * options.challengers + source - 2) % 12
-            heading = pairs.prior[n, p, 2] + place * math.pi / 6.0
+            place = (source - 2) * (12 // FIRST_CHALLENGERS) if first else turn // every * challengers + source - 2
+            heading = pairs.prior[n, p, 2] + place % 12 * math.pi / 6.0
             start_from_heading(problem, m, heading, LEAST_INVERSE_RANGE, other)
         else:
             continue
