@@ -5,6 +5,11 @@ from typing import Annotated, NoReturn
 
 import typer
 
+Options = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="OPTION=VALUE", help="Of the environment, over those of the suite: camera=image"),
+]
+
 app = typer.Typer(
     add_completion=False, no_args_is_help=True, rich_markup_mode=None, pretty_exceptions_enable=False, help=__doc__
 )
@@ -44,6 +49,7 @@ def film(
     env: Annotated[str, typer.Option(help="Id of the environment.")] = "relloc_env/RelativePose-v0",
     suite: Annotated[str, typer.Option(help="Name of the suite; of several variants, the first.")] = "open-field",
     estimator: Annotated[str, typer.Option(help="Name of the estimator.")] = "map-alignment",
+    options: Options = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the episode.")] = 4,
     width: Annotated[int, typer.Option(min=320, help="Width of the picture [px].")] = 720,
     faster: Annotated[float, typer.Option(min=0.1, help="Times as fast as the robots.")] = 3.0,
@@ -65,7 +71,7 @@ def film(
         if len(called) != len(shown):
             _stop(f"Argument `titles` must have one for each of {len(shown)} agents, but has {len(called)}")
         draw(
-            out, [shown_in(env, suite, name, estimator) for name in shown],
+            out, [shown_in(env, suite, name, estimator, options or ()) for name in shown],
             dict(zip(called, map(agent, shown), strict=True)),
             seed=seed, width=width, faster=faster, theme="dark" if dark else "light", rerun=rerun,
         )  # fmt: skip
@@ -92,10 +98,7 @@ def benchmark(
     estimators: Annotated[str, typer.Option(help="Names of estimators, parted by commas.")] = "cascade,map-alignment",
     episodes: Annotated[int, typer.Option(min=1, help="Episodes of each agent on each suite.")] = 500,
     seeds: Annotated[str, typer.Option(help="Set of seeds: train, validation or test.")] = "test",
-    options: Annotated[
-        list[str] | None,
-        typer.Option("--set", metavar="OPTION=VALUE", help="Of the environment, over every suite: robot.lag=[0.2,0.1]"),
-    ] = None,
+    options: Options = None,
     cores: Annotated[int | None, typer.Option(min=1, help="Cores to use; default: all.")] = None,
 ) -> None:
     """Play agents on suites of scenarios and score what they make known. Stopped, it goes on where it was."""

@@ -32,9 +32,10 @@ def robots_of(env: str) -> int:
     return IDS[env]
 
 
-def shown_in(env: str, which: str, name: str, estimator: str) -> EnvConfig:
-    """The configuration of a suite's first variant for an agent, its estimator as it is."""
-    return load_config({**suite(which).variants[0], **needs(name)}, robots=robots_of(env), estimator=estimator)
+def shown_in(env: str, which: str, name: str, estimator: str, options: Sequence[str] = ()) -> EnvConfig:
+    """The configuration of a suite's first variant for an agent, its estimator as it is; `options` as of `Asked`."""
+    over = {**_overriding(options), **needs(name)}
+    return load_config(merge(suite(which).variants[0], over), robots=robots_of(env), estimator=estimator)
 
 
 @cache

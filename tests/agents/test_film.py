@@ -64,6 +64,7 @@ def test_command_shows_a_policy_of_one_robot(tmp_path: Path, monkeypatch: pytest
     needed = {"learned:gains": {"action": "motion+gains"}}
     monkeypatch.setattr("agents.jobs.needs", lambda name: needed.get(name, {}))
     words = ["film", "--env", "relloc_env/ActiveDepth-v0", "--suite", "narrow-view", "--estimator", "cascade"]
+    words += ["--set", "camera.kind=image", "--set", "targets=3"]
     words += ["--motion", "learned:gains", "--beside", "edge", "--out", str(tmp_path / "a.gif")]
     result = CliRunner().invoke(app, words)
     assert result.exit_code == 0, result.output
@@ -71,6 +72,7 @@ def test_command_shows_a_policy_of_one_robot(tmp_path: Path, monkeypatch: pytest
     assert names == ["gains", "edge"]
     assert [(config.robots, config.action) for config in configs] == [(1, "motion+gains"), (1, "motion")]
     assert [np.degrees(2.0 * config.camera_of(0).half_view) for config in configs] == pytest.approx([40.0, 40.0])
+    assert [(config.camera_of(0).kind, config.targets) for config in configs] == [("image", 3)] * 2
 
 
 def test_command_tells_an_id_that_is_none(tmp_path: Path) -> None:
