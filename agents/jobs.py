@@ -187,6 +187,8 @@ def _overriding(options: Sequence[str]) -> dict[str, Any]:
     for name, elsewhere in (("robots", "env"), ("estimator", "estimators")):
         if name in found:
             raise ConfigError(f"Argument `options` must not have `{name}`, which `{elsewhere}` says")
+    if "observation" in found:
+        raise ConfigError("Argument `options` must not have `observation`: each agent says what it observes")
     return found
 
 

@@ -203,7 +203,7 @@ def announce() -> None:
     """Say once in a process that something has to be compiled, since that takes a while."""
     if not is_set(QUIET):
         sys.stderr.write(
-            "relloc_env: compiling kernels, a minute or less; they are cached for the next time "
+            "relloc_env: compiling kernels, about a minute; they are cached for the next time "
             f"({QUIET}=1 hides this)\n"
         )
         sys.stderr.flush()
