@@ -42,6 +42,10 @@ CASES: Mapping[str, tuple[str, Mapping[str, Any]]] = {
     "320 x 240": ("", {"camera": {"kind": "image", "width": 320, "height": 240, "field_of_view": 62.2}}),
     "AprilTag": ("", {**_image(detector="apriltag"), **TAG}),
     "AprilTag, a third of the light": ("", {**_image(detector="apriltag", exposure=0.33), **TAG}),
+    "AprilTag, a lens that distorts": (
+        "",
+        {**_image(detector="apriltag", distortion=(-0.25, 0.06, 0.001, -0.001, 0.0)), **TAG},
+    ),
     "AprilTag, partly hidden by a post": ("post", {**_image(detector="apriltag"), **TAG}),
     "AprilTag, blur of 20 ms at 0.8 rad/s": ("turn", {**_image(detector="apriltag", shutter=0.02), **TAG}),
 }

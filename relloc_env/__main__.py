@@ -162,7 +162,7 @@ def _plain_errors() -> Iterator[None]:
         if missing not in EXTRAS:
             raise
         _stop(f"The package `{missing}` is missing: pip install 'relloc-env[{EXTRAS[missing]}]'")
-    except (LogError, ValueError, OSError) as error:
+    except (LogError, TypeError, ValueError, OSError) as error:
         _stop(str(error))
 
 

@@ -35,6 +35,7 @@ class Simulation(Sharing):
         samples: what was measured in the last step, K samples each.
         first: the one sample that a reset takes; the same arrays as `samples` where an action has one sample.
         truth, first_truth: what really happened then.
+        eyes: the cameras that take pictures, None where all are analytic.
     """
 
     def __init__(self, config: EnvConfig, num_envs: int = 1, threads: int = 1) -> None:
@@ -72,7 +73,7 @@ class Simulation(Sharing):
         self.fix(np.arange(n), {})
         self._solvers: list[ContactSolver | None] = [None] * threads
         self._constants = (self.parameters, self.robots, self.obstacles, self.pairs)
-        self._eyes = _open_eyes(config, n, threads)
+        self.eyes = _open_eyes(config, n, threads)
         self._share()
         self.seed(np.arange(n), [int(seed) for seed in np.random.SeedSequence().generate_state(n, np.uint64)])
 
@@ -110,8 +111,8 @@ class Simulation(Sharing):
                 "No start was found that meets the conditions of `start` (distances, separation, all targets in view): "
                 "make the arena larger, the conditions wider, or fix `poses` and `points`"
             )
-        if self._eyes is not None:
-            self._eyes.start(self.world, self.first, self.first_truth, rows, thread)
+        if self.eyes is not None:
+            self.eyes.start(self.world, self.first, self.first_truth, rows, thread)
 
     def fix(self, rows: Rows, options: Mapping[str, Any] | None) -> None:
         """Set which poses and points the environments `rows` start from, until told otherwise.
@@ -159,8 +160,8 @@ class Simulation(Sharing):
                 world.pose, world.pending, world.velocity, world.contact, world.collided,
                 self.parameters, self.robots, self.obstacles, rows,
             )  # fmt: skip
-        if self._eyes is not None:
-            self._eyes.look(world, self.samples, self.truth, moving, thread)
+        if self.eyes is not None:
+            self.eyes.look(world, self.samples, self.truth, moving, thread)
 
     def _solver(self, thread: int) -> ContactSolver:
         """The contact solver of a thread."""
@@ -187,7 +188,7 @@ class Simulation(Sharing):
 
     def _remembered(self) -> list[tuple[str, NDArray[Any]]]:
         """All that the next samples depend on, by name."""
-        tracks = {} if self._eyes is None else self._eyes.tracks._asdict()
+        tracks = {} if self.eyes is None else self.eyes.tracks._asdict()
         return [*self.world._asdict().items(), *((f"track_{name}", part) for name, part in tracks.items())]
 
 

@@ -203,7 +203,6 @@ def announce() -> None:
     """Say once in a process that something has to be compiled, since that takes a while."""
     if not is_set(QUIET):
         sys.stderr.write(
-            "relloc_env: compiling kernels, about a minute; they are cached for the next time "
-            f"({QUIET}=1 hides this)\n"
+            f"relloc_env: compiling kernels, about a minute; they are cached for the next time ({QUIET}=1 hides this)\n"
         )
         sys.stderr.flush()

@@ -11,12 +11,16 @@ from relloc_env.config import EnvConfig, load_config
 from relloc_env.envs.core import ROBOT_NAMES, Core
 from relloc_env.envs.picture import Picture
 from relloc_env.estimators.config import PRESETS, CascadeConfig
+from relloc_env.kernels.world import Truth, World
 from relloc_env.logs.episode import LogWriter
-from relloc_env.samples import Float
+from relloc_env.samples import Bool, Float, Float32, Rows, Samples
+from relloc_env.vision.eyes import Eyes
 
 if TYPE_CHECKING:
     from relloc_env.rendering.scene import Scene
 
+View = tuple[Float32, Bool]
+"""(R, M, 2) image coordinates, (R, M) what was seen."""
 ESTIMATORS = ("map-alignment", "cascade", "cascade-critical", "inverse-depth")
 """What can be switched to."""
 HORIZON = 60.0
@@ -57,6 +61,7 @@ class Session:
         self.core = Core(self.config)
         self.picture = Picture(self.core, "rgb_array")
         self._actions: list[Float] = []
+        self._views: list[View] = []
         self._writer: LogWriter | None = None
         self.reset()
 
@@ -66,6 +71,7 @@ class Session:
         self.seed = self.seed if seed is None else seed
         self._actions = []
         self._begin()
+        self._views = [_view(self.core.simulation.first)]
         if self._logs is not None:
             simulation = self.core.simulation
             self._writer = LogWriter(
@@ -85,22 +91,31 @@ class Session:
         """
         self._actions.append(np.array(action, np.float64))
         self._move(action)
+        self._views.append(_view(self.core.simulation.samples))
         if self._writer is not None:
             self._writer.add(self.core.simulation.samples, self.core.simulation.truth.pose[0])
 
     def next_estimator(self) -> None:
         """Let the next estimator watch the same drive, from its start; its gains are those it comes with.
 
-        The world is driven again with the same seed and actions: it is the same to the last bit.
+        The world is driven again with the same seed and actions: it is the same to the last bit. Pictures, which take
+        long, are not taken again: what was found in them is remembered.
         """
         place = self._names.index(self.estimator) + 1
         self.estimator = self._names[place % len(self._names)]
         chosen = self.config.estimator if self.estimator == self._first else self.estimator
+        before = self.core.simulation
         self.core = Core(load_config(self.config, estimator=chosen))
         self.picture = Picture(self.core, "rgb_array")
+        simulation = self.core.simulation
+        if before.eyes is not None:
+            simulation.eyes = _Memory(self._views)
         self._begin()
         for action in self._actions:
             self._move(action)
+        if before.eyes is not None:
+            simulation.eyes = before.eyes
+            simulation.world.streams[:] = before.world.streams
 
     @property
     def gains(self) -> Float | None:
@@ -138,3 +153,23 @@ class Session:
         while (folder / f"drive_{number:03d}").exists():
             number += 1
         return folder / f"drive_{number:03d}"
+
+
+def _view(samples: Samples) -> View:
+    """What the cameras gave in the one sample of one environment."""
+    return samples.image[0, -1].copy(), samples.seen[0, -1].copy()
+
+
+class _Memory(Eyes):
+    """Stands in for the eyes of a simulation, one call after another, with what they saw."""
+
+    def __init__(self, views: list[View]) -> None:
+        self._views, self._at = views, 0
+
+    def start(self, world: World, samples: Samples, truth: Truth, rows: Rows, thread: int = 0) -> None:
+        self.look(world, samples, truth, rows, thread)
+
+    def look(self, world: World, samples: Samples, truth: Truth, rows: Rows, thread: int = 0) -> None:  # noqa: ARG002
+        samples.image[0, -1], samples.seen[0, -1] = self._views[self._at]
+        truth.visible[0, -1] = samples.seen[0, -1]
+        self._at += 1

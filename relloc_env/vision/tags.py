@@ -5,6 +5,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from relloc_env.samples import Float
+from relloc_env.vision.lens import to_pixels
 from relloc_env.vision.protocol import Detections, Detector, Picture, View
 
 _CELLS = 8
@@ -50,7 +51,9 @@ class TagDetector:
         fits = np.zeros((len(found), self._view.targets), np.bool_)
         for d, (m, _) in enumerate(found):
             fits[d, m] = True
-        pixels = np.array([_crossing(shape) for shape in shapes]).reshape(-1, 2)
+        # Lines are straight in the ideal camera's image, not behind a lens that distorts.
+        rays = np.array([_crossing(self._view.rays(shape)) for shape in shapes]).reshape(-1, 2)
+        pixels = to_pixels(rays, self._view.intrinsics, self._view.lens)
         return Detections(pixels, fits, np.array([cv2.contourArea(shape.astype(np.float32)) for shape in shapes]))
 
 

@@ -1,7 +1,9 @@
 """A short drive by events, without a display: what is driven, switched, recorded, and replayed."""
 
+import math
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,6 +12,7 @@ from relloc_env.logs import read_log
 from relloc_env.play import Session, play
 from relloc_env.play.window import Window
 from relloc_env.replay import replay
+from relloc_env.vision.sensor import Sensor
 
 pygame = pytest.importorskip("pygame")
 
@@ -157,3 +160,34 @@ def test_without_a_display_an_error_says_so(monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.setenv("SDL_VIDEODRIVER", "none-such")
     with pytest.raises(OSError, match="There is no display to open a window on"):
         Window(Session(estimator="cascade"), (480, 270))
+
+
+def test_a_switch_takes_no_picture_anew_and_changes_nothing_that_follows(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Against a drive with the second estimator from the start, to the bit."""
+    pytest.importorskip("cv2")
+    world: dict[str, Any] = {"camera": {"kind": "image", "width": 320, "height": 240}, "seed": 4, "shield": None}
+    switched, straight = Session(estimator="map-alignment", **world), Session(estimator="cascade", **world)
+    way = [np.array([[0.6, 0.3 * math.sin(0.4 * k)], [0.5, -0.2]]) for k in range(30)]
+    for action in way[:20]:
+        switched.step(action)
+    taken: list[int] = []
+    take = Sensor.take
+
+    def count(*words: Any) -> None:
+        taken.append(1)
+        take(*words)
+
+    monkeypatch.setattr(Sensor, "take", count)
+    switched.next_estimator()
+    assert switched.estimator == "cascade"
+    assert not taken
+    for action in way[20:]:
+        switched.step(action)
+    assert len(taken) == 20
+    for action in way:
+        straight.step(action)
+    one, other = (session.core for session in (switched, straight))
+    for part, wanted in zip(one.onboard.estimate, other.onboard.estimate, strict=True):
+        assert np.array_equal(part, wanted)
+    assert np.array_equal(one.simulation.samples.image, other.simulation.samples.image)
+    assert np.abs(one.onboard.estimate.pose[0, 0] - one.simulation.prior.pose[0, 0]).max() > 0.01

@@ -74,6 +74,18 @@ def test_targets_are_found_where_opencv_projects_them(image, options, limit) -> 
     assert np.median(worst) < 0.4 * limit
 
 
+def test_the_centre_of_a_near_tag_is_right_through_a_lens() -> None:
+    """20 pictures: with diagonals that cross as if they were straight in the picture, the worst is 2 px off."""
+    rng = np.random.default_rng(6)
+    config, worst = world({"detector": "apriltag", "distortion": LENS}, targets=1, **TAG), []
+    for k in range(20):
+        depth, x, y = rng.uniform(1.5, 2.5), rng.uniform(-0.4, 0.4), rng.uniform(-0.25, 0.25)
+        found, truth = look(config, [(depth, -x * depth, 0.3 - y * depth)], k)
+        worst += [errors(found, truth).max()] if len(found.pixels) else []
+    assert len(worst) > 15
+    assert max(worst) < 0.6
+
+
 def test_near_targets_are_corrected_for_the_ellipse() -> None:
     """At 1 m and below, where the middle of the patch is 2 px and more from the projected centre."""
     config = world(targets=2)
