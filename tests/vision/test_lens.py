@@ -74,7 +74,7 @@ def test_lenses_that_fold_the_picture_are_refused_and_no_others() -> None:
     plain = view_of(load_config(None, camera={"kind": "image", "width": 64, "height": 48, "field_of_view": 62.2}), 0)
     for k in range(30):
         lens = np.array(
-            [rng.uniform(-0.6, 1), rng.uniform(-0.5, 0.8), *rng.uniform(-0.02, 0.02, 2), rng.uniform(-0.3, 0.3)]
+            [rng.uniform(-0.9, 0.6), rng.uniform(-0.5, 0.8), *rng.uniform(-0.02, 0.02, 2), rng.uniform(-0.3, 0.3)]
         )
         view = plain._replace(lens=lens)
         try:

@@ -51,7 +51,7 @@ def test_pixels_that_are_not_finite_do_not_enter(bad, column) -> None:
         (Detections([[1.0], [2.0, 3.0]], FITS, SCORE), "`pixels` as numbers"),  # type: ignore[arg-type]
         (Detections(ONE, FITS[:, :1], SCORE), r"`fits` as booleans of shape \(1, 2\), but found .* \(1, 1\)"),
         (Detections(ONE, FITS[0], SCORE), r"`fits` as booleans of shape \(1, 2\), but found bool of shape \(2,\)"),
-        (Detections(ONE, FITS.astype(float), SCORE), "`fits` as booleans .* but found float64"),  # type: ignore[arg-type]
+        (Detections(ONE, FITS.astype(float), SCORE), "`fits` as booleans .* but found float64"),
         (Detections(ONE, FITS, SCORE[:0]), r"`score` as numbers of shape \(1,\), but found float64 of shape \(0,\)"),
         (Detections(ONE, FITS, np.ones((1, 1))), r"`score` as numbers of shape \(1,\)"),
     ],
