@@ -43,7 +43,9 @@ def test_pixels_lead_where_opencv_says(lens) -> None:
 def test_without_distortion_pixels_are_scaled_and_no_more() -> None:
     view = view_of(load_config(None, camera="image"), 0)
     rays = picture_rays(view.width, view.height, view.intrinsics, view.lens)
-    assert rays[7, 11].tolist() == [(11.5 - 320.0) / view.intrinsics[0], (7.5 - 240.0) / view.intrinsics[1]]
+    rows, columns = np.mgrid[: view.height, : view.width] + 0.5
+    assert np.array_equal(rays[..., 0], (columns - 320.0) / view.intrinsics[0])
+    assert np.array_equal(rays[..., 1], (rows - 240.0) / view.intrinsics[1])
 
 
 def folded(view) -> bool:
