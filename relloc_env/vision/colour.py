@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from relloc_env.samples import Bool, Float
-from relloc_env.vision.lens import to_pixels
+from relloc_env.vision.lens import picture_rays, to_pixels
 from relloc_env.vision.outline import agreement, area_of, from_ellipse, from_rim, moments, refined
 from relloc_env.vision.protocol import Detections, Detector, Picture, View
 
@@ -72,8 +72,7 @@ class ColourDetector:
         self._colours = list(dict.fromkeys(painted))
         self._fits: Bool = np.array([[one == other for other in painted] for one in self._colours])
         self._class_of = _classes([_hue(colour) for colour in self._colours])
-        rows, columns = np.mgrid[: view.height, : view.width] + 0.5
-        self._rays = view.rays(np.stack([columns, rows], axis=-1))
+        self._rays = picture_rays(view.width, view.height, view.intrinsics, view.lens)
         across, down = np.gradient(self._rays, axis=1), np.gradient(self._rays, axis=0)
         self._areas: Float = np.abs(across[..., 0] * down[..., 1] - across[..., 1] * down[..., 0])
 

@@ -38,7 +38,10 @@ class View(NamedTuple):
     """How many there are."""
 
     def rays(self, pixels: Float) -> Float:
-        """Return the normalised image coordinates (..., 2) of the ideal camera at pixels (..., 2)."""
+        """Return the normalised image coordinates (..., 2) of the ideal camera at pixels (..., 2).
+
+        Outside the picture a strong lens may show nothing there: they are NaN.
+        """
         return from_pixels(pixels, self.intrinsics, self.lens)
 
 

@@ -13,7 +13,7 @@ from relloc_env.kernels.streams import PICTURE, draw_u64
 from relloc_env.kernels.world import World
 from relloc_env.parameters import pack_obstacles
 from relloc_env.samples import Float, Rows
-from relloc_env.vision.lens import from_pixels
+from relloc_env.vision.lens import picture_rays
 from relloc_env.vision.protocol import MISSING, Picture, view_of
 
 ROBOTS = ((112.0, 114.0, 118.0), (132.0, 130.0, 126.0))
@@ -45,8 +45,7 @@ class Sensor:
         camera, robots = config.camera_of(robot), [config.robot_of(r) for r in range(config.robots)]
         image, marker, m = camera.image, config.marker, config.targets
         f_x = float(view.intrinsics[0])
-        rows, columns = np.mgrid[: view.height, : view.width] + 0.5
-        rays = from_pixels(np.stack([columns, rows], axis=-1), view.intrinsics, view.lens)
+        rays = picture_rays(view.width, view.height, view.intrinsics, view.lens)
         first, last = float(rays[..., 0].min()), float(rays[..., 0].max())
         count = round((last - first) * f_x) + 1
         rays = np.pad(rays, ((0, 0), (0, _whole(view.width) - view.width), (0, 0)), mode="edge")
