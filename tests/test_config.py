@@ -1,5 +1,6 @@
 """Configuration: what is refused and how, files, and plain data and back without loss."""
 
+import itertools
 import json
 import math
 from collections.abc import Callable
@@ -14,7 +15,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import relloc_env
-from relloc_env.config import CameraConfig, ConfigError, EnvConfig, load_config, read_file
+from relloc_env.config import CameraConfig, ConfigError, EnvConfig, load_config, override, read_file
 from relloc_env.estimators.config import PRESETS
 from relloc_env.scenarios import SCENARIOS
 
@@ -227,6 +228,82 @@ def test_options_go_over_what_is_there() -> None:
     gains = load_config({"estimator": {"kind": "cascade", "h": 3.0}}, estimator={"alpha_lambda": 60.0}).estimator
     assert gains is not None
     assert gains.model_dump(include={"h", "alpha_lambda"}) == {"h": 3.0, "alpha_lambda": 60.0}
+
+
+SETS: dict[str, tuple[list[str], dict[str, Any]]] = {
+    "kind": (["camera=image", "camera.image.exposure=0.5"], {"camera": {"kind": "image", "image": {"exposure": 0.5}}}),
+    "preset": (["camera=kinect", "camera.far=5.0"], {"camera": {"preset": "kinect", "far": 5.0}}),
+    "kind and preset": (
+        ["camera=image", "camera=kinect", "camera.image.noise=1.0"],
+        {"camera": {"kind": "image", "preset": "kinect", "image": {"noise": 1.0}}},
+    ),
+    "estimator": (["estimator=cascade", "estimator.h=3.0"], {"estimator": {"kind": "cascade", "h": 3.0}}),
+    "preset of an estimator": (
+        ["estimator=cascade-critical", "estimator.h_floor=2.0"],
+        {"estimator": {"kind": "cascade", "damping": "critical", "measurement": "depth", "process": "odometry",
+                       "h_floor": 2.0}},
+    ),
+    "deeper": (["network.loss=0.1", "network.rate=5.0"], {"network": {"loss": 0.1, "rate": 5.0}}),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", SETS)
+@pytest.mark.parametrize("place", ["", "environment.options."])
+def test_overrides_go_into_what_a_name_stands_for_in_any_order(name: str, place: str) -> None:
+    texts, expected = SETS[name]
+    for order in itertools.permutations(texts):
+        data: dict[str, Any] = {}
+        for text in order:
+            override(data, place + text)
+        assert load_config(data["environment"]["options"] if place else data) == load_config(expected), order
+
+
+def test_overrides_of_what_is_chosen_anew() -> None:
+    """Another estimator or preset voids what was said of the one before, a kind of camera does not."""
+    data: dict[str, Any] = {"estimator": {"kind": "cascade", "h": 3.0}, "camera": {"preset": "kinect", "far": 5.0}}
+    given = json.dumps(data)
+    for text in ("estimator=map-alignment", "camera=image"):
+        override(data, text)
+    assert load_config(data) == load_config(
+        estimator="map-alignment", camera={"preset": "kinect", "far": 5.0, "kind": "image"}
+    )
+    override(data, "camera=pi")
+    assert load_config(data).camera_of(0) == CameraConfig.model_validate("pi")
+    inside: dict[str, Any] = {"options": json.loads(given)}
+    override(copy := dict(inside), "options.camera.far=6.0")
+    assert (json.dumps(inside["options"]), copy["options"]["camera"]["far"]) == (given, 6.0)
+
+
+@pytest.mark.parametrize(
+    ("texts", "message"),
+    [
+        (["max_cycles=5", "max_cycles.more=1"], r"`max_cycles` must be a mapping for `max_cycles.more` .* but is 5"),
+        (["shield=null", "shield.target=1"], "`shield` must be a mapping for `shield.target` to be set, but is None"),
+        (["camera=[pi, pi]", "camera.far=5"], r"`camera` must be a mapping for .*, but is \['pi', 'pi'\]"),
+        (["robot.lag.0=1", "robot.lag.0.x=1"], r"`robot.lag.0` must be a mapping"),
+        (["estimator=casc", "estimator.h=3"], "`estimator` must be the name of an estimator, but is 'casc'"),
+        (["estimator.h=3", "estimator=casc"], "`estimator` must be the name of an estimator, but is 'casc'"),
+    ],
+)
+def test_overrides_within_what_is_no_mapping_are_refused(texts: list[str], message: str) -> None:
+    data: dict[str, Any] = {}
+    override(data, texts[0])
+    with pytest.raises(ConfigError, match=message):
+        override(data, texts[1])
+
+
+def test_options_go_into_what_a_name_stands_for() -> None:
+    assert load_config({"camera": "kinect"}, camera={"near": 0.5}) == load_config(
+        camera={"preset": "kinect", "near": 0.5}
+    )
+    assert load_config({"camera": "kinect"}, camera="image") == load_config(
+        camera={"preset": "kinect", "kind": "image"}
+    )
+    assert load_config({"estimator": "cascade"}, estimator={"h": 3.0}) == load_config(
+        estimator={"kind": "cascade", "h": 3.0}
+    )
+    told = load_config({"estimator": "map-alignment-mocap"}, estimator={"kind": "map-alignment", "iterations": 5})
+    assert told == load_config(estimator={"kind": "map-alignment", "iterations": 5})
 
 
 def test_scenarios_are_left_as_they_are() -> None:

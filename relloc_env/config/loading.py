@@ -10,6 +10,7 @@ from pydantic import BaseModel, ValidationError
 
 from relloc_env.config.models import ConfigError, EnvConfig, hint
 from relloc_env.config.parts import KINDS, CameraConfig
+from relloc_env.estimators.registry import resolve
 
 M = TypeVar("M", bound=BaseModel)
 
@@ -91,14 +92,52 @@ def read_file(path: str | Path) -> dict[str, Any]:
     return data
 
 
+_CHOICES = {"estimator": "kind", "camera": "preset"}
+"""Entries whose change makes the others of their mapping void."""
+
+
 def put(data: dict[str, Any], path: str, value: Any) -> None:
-    """Put a value at `path.to.field` of nested mappings, which are copied on the way."""
+    """Put a value at `path.to.field` of nested mappings, which are copied on the way.
+
+    The name of a camera's kind or preset, or of an estimator, stands for a mapping: entries go into it, and it goes
+    under entries that are there already; a mapping that has another preset or a kind of estimator is replaced.
+
+    Raises:
+        ConfigError: something on the way is neither a mapping nor such a name.
+    """
     *parents, last = path.split(".")
-    for part in parents:
-        inside = data.get(part)
-        data[part] = dict(inside) if isinstance(inside, Mapping) else {}
+    for k, part in enumerate(parents):
+        inside = _in_full(part, data.get(part, {}))
+        if not isinstance(inside, Mapping):
+            place = ".".join(parents[: k + 1])
+            raise ConfigError(f"Argument `{place}` must be a mapping for `{path}` to be set, but is {inside!r}")
+        data[part] = dict(inside)
         data = data[part]
-    data[last] = value
+    data[last] = _under(last, data.get(last), value) if isinstance(value, str) else value
+
+
+def _under(key: str, old: Any, name: str) -> Any:
+    """Return what stands at `key` after `name` was put there: what it stands for, under the entries that are there."""
+    old = _in_full(key, old)
+    if key not in _CHOICES or not isinstance(old, Mapping):
+        return name
+    new = _in_full(key, name)
+    if key == "camera" and "kind" in new:
+        return {**old, **new}
+    return name if _CHOICES[key] in old else {**new, **old}
+
+
+def _in_full(key: str, value: Any) -> Any:
+    """Return the mapping for which a name stands at `key`, or else the value."""
+    if not isinstance(value, str) or key not in _CHOICES:
+        return value
+    if key == "camera":
+        return {"kind" if value in KINDS else "preset": value}
+    try:
+        config = resolve(value)
+    except ValueError as error:
+        raise ConfigError(str(error)) from None
+    return {"kind": config.kind, **config.model_dump(mode="json", exclude_unset=True)}
 
 
 def override(data: dict[str, Any], text: str) -> None:
@@ -114,10 +153,6 @@ def override(data: dict[str, Any], text: str) -> None:
         put(data, path, yaml.safe_load(value))
     except yaml.YAMLError:
         raise ConfigError(f"The value of `{path}` must be YAML, but is {value!r}") from None
-
-
-_CHOICES = {"estimator": "kind", "camera": "preset"}
-"""Entries whose change makes the others of their mapping void."""
 
 
 def merge(base: Mapping[str, Any], extra: Mapping[str, Any]) -> dict[str, Any]:
@@ -137,6 +172,8 @@ def _over(key: str, old: Any, value: Any) -> Any:
         value = {"kind": value}
     if not isinstance(value, Mapping):
         return value
+    if key == "camera" or "kind" not in value:
+        old = _in_full(key, old)
     if key in ("robot", "camera") and isinstance(old, list | tuple):
         return [_over(key, entry, value) for entry in old]
     choice = _CHOICES.get(key)
