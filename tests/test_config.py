@@ -457,3 +457,17 @@ def test_reading_a_file_gives_its_mapping(tmp_path: Path) -> None:
 def test_a_margin_that_leaves_no_room_is_refused() -> None:
     with pytest.raises(ConfigError, match=r"`start.margin` below half the arena .* but it is 20"):
         load_config(start={"margin": 20.0})
+
+
+def test_colours_of_up_to_eight_targets_stay_and_more_are_all_different() -> None:
+    first = [load_config().look.colour_of(m) for m in range(8)]
+    assert first[:3] == [(214, 40, 40), (30, 90, 214), (40, 170, 60)]
+    for count in range(1, 33):
+        config = load_config(targets=count, camera="image")
+        colours = [config.look.colour_of(m) for m in range(count)]
+        if count <= 8:
+            assert colours == first[:count]
+        assert len(set(colours)) == min(count, 24)
+        stated = load_config(config, marker={"colours": [(200, 10, 10)]})
+        assert {stated.look.colour_of(m) for m in range(count)} == {(200, 10, 10)}
+        assert load_config(config.to_dict(), targets=32) == load_config(targets=32, camera="image")

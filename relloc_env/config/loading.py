@@ -182,16 +182,23 @@ def _over(key: str, old: Any, value: Any) -> Any:
     return merge(old, value)
 
 
-def load_config(config: EnvConfig | Mapping[str, Any] | str | Path | None = None, **options: Any) -> EnvConfig:
+TASKS = {"relloc_env/ActiveDepth-v0": 1, "relloc_env/RelativePose-v0": 2}
+"""Ids of environments, and how many robots each has."""
+
+
+def load_config(
+    config: EnvConfig | Mapping[str, Any] | str | Path | None = None, *, task: str | None = None, **options: Any
+) -> EnvConfig:
     """Build a configuration of an environment.
 
     Args:
         config: an `EnvConfig`, a mapping, a YAML or JSON file, the name of a scenario (`relloc_env.scenarios`), or None
             for the default task. A mapping or file may name the scenario it changes as `scenario`.
+        task: the id of an environment (of `TASKS`), which says how many robots there are.
         **options: put over it; a mapping changes only the entries it names.
 
     Raises:
-        ConfigError: an unknown option (with a suggestion), or a value that cannot be.
+        ConfigError: an unknown option (with a suggestion), a value that cannot be, or robots that the id does not have.
     """
     from relloc_env.scenarios import scenario  # scenarios are built of configurations
 
@@ -215,4 +222,15 @@ def load_config(config: EnvConfig | Mapping[str, Any] | str | Path | None = None
     name = data.pop("scenario", None)
     if name is not None:
         data = merge(scenario(name), data)
-    return validate(EnvConfig, data)
+    return validate(EnvConfig, data if task is None else _for_task(data, task))
+
+
+def _for_task(data: dict[str, Any], task: str) -> dict[str, Any]:
+    """Return the data with the number of robots of an id, or raise where another is stated."""
+    if task not in TASKS:
+        raise ConfigError(f"Argument `task` must be one of {', '.join(TASKS)}, but is {task!r}")
+    robots = data.get("robots", TASKS[task])
+    if robots != TASKS[task]:
+        other = next((f"; `{name}` has so many" for name, count in TASKS.items() if count == robots), "")
+        raise ConfigError(f"Argument `robots` must be {TASKS[task]} for `{task}`, but is {robots!r}{other}")
+    return {**data, "robots": robots}
