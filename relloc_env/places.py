@@ -34,6 +34,19 @@ def load(path: str, argument: str = "estimator") -> Any:
     return found
 
 
+def place_of(thing: Any) -> str | None:
+    """Return the `module:Name` of a class or function, or None where it is not found again by that.
+
+    A lambda, a partial or a function inside another is not.
+    """
+    module, name = getattr(thing, "__module__", None), getattr(thing, "__qualname__", None)
+    try:
+        found = operator.attrgetter(str(name))(sys.modules[str(module)])
+    except (KeyError, AttributeError):
+        return None
+    return f"{module}:{name}" if found is thing else None
+
+
 def _run_file(path: Path) -> ModuleType:
     """Import a file by its place, once in a process."""
     name = str(path.resolve())

@@ -471,3 +471,31 @@ def test_colours_of_up_to_eight_targets_stay_and_more_are_all_different() -> Non
         stated = load_config(config, marker={"colours": [(200, 10, 10)]})
         assert {stated.look.colour_of(m) for m in range(count)} == {(200, 10, 10)}
         assert load_config(config.to_dict(), targets=32) == load_config(targets=32, camera="image")
+
+
+class Found:
+    """Stands for a detector of one's own."""
+
+    class Inner:
+        """Inside another."""
+
+    def __init__(self, view: Any) -> None: ...
+
+
+def test_a_detector_of_ones_own_as_plain_data() -> None:
+    for own, place in ((Found, f"{__name__}:Found"), (Found.Inner, f"{__name__}:Found.Inner"), ("a.py:B", "a.py:B")):
+        config = load_config({"camera": {"kind": "image", "image": {"detector": own}}})
+        plain = config.to_dict()
+        assert plain["camera"][0]["image"]["detector"] == place
+        assert load_config(json.loads(json.dumps(plain))).to_dict() == plain
+        assert load_config(config, targets=3).detector_of(1) is own
+    nameless = lambda _: None  # noqa: E731
+    config = load_config(camera=["pi", {"kind": "image", "image": {"detector": nameless}}])
+    assert load_config(config, targets=3).detector_of(1) is nameless
+    with pytest.raises(
+        ConfigError, match=r"^Argument `camera.image.detector` must be a class or function that its mod"
+    ):
+        config.to_dict()
+    config = load_config(estimator=lambda *_, **__: None)
+    with pytest.raises(ConfigError, match=r"^Argument `estimator.factory` must be a class or function that its module"):
+        config.to_dict()

@@ -4,9 +4,10 @@ import colorsys
 from collections.abc import Callable
 from typing import Any, Literal
 
-from pydantic import field_validator
+from pydantic import field_serializer, field_validator
 
 from relloc_env.config.base import Colour, Finite, Model, NonNegative, Positive
+from relloc_env.places import place_of
 
 PALETTE: tuple[Colour, ...] = (
     (214, 40, 40), (30, 90, 214), (40, 170, 60), (232, 190, 20), (190, 40, 190), (20, 180, 190), (236, 120, 20),
@@ -82,6 +83,18 @@ class ImageConfig(Model):
         if not known:
             raise ValueError(f"must be one of {', '.join(DETECTORS)}, a factory or its place, but is {value!r}")
         return value
+
+    @field_serializer("detector", when_used="json")
+    def _as_place(self, value: Any) -> str | None:
+        if value is None or isinstance(value, str):
+            return value
+        place = place_of(value)
+        if place is None:
+            raise ValueError(
+                "Argument `camera.image.detector` must be a class or function that its module has by name, or "
+                f"'path/to/file.py:Name', to be written down as plain data, but is {value!r}"
+            )
+        return place
 
 
 def _even_hues(count: int) -> tuple[Colour, ...]:

@@ -203,11 +203,10 @@ def load_config(
     from relloc_env.scenarios import scenario  # scenarios are built of configurations
 
     if isinstance(config, EnvConfig):
-        own = config.estimator is not None and config.estimator.kind == "own"
-        told = config.model_copy(update={"estimator": None}) if own else config
-        data: dict[str, Any] = {k: v for k, v in told.to_dict().items() if k in config.model_fields_set}
-        if own:
-            data["estimator"] = config.estimator  # a function stays the one it is
+        data: dict[str, Any] = {k: v for k, v in config.model_dump().items() if k in config.model_fields_set}
+        if "estimator" in data and config.estimator is not None:
+            stated = config.estimator.model_dump(exclude_unset=True)
+            data["estimator"] = {"kind": config.estimator.kind, **stated}  # a function stays the one it is
     elif isinstance(config, str) and not config.endswith((".yaml", ".yml", ".json")):
         data = {"scenario": config}
     elif isinstance(config, str | Path):

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import BaseModel, BeforeValidator, Field, field_validator, model_validator
+from pydantic_core import PydanticSerializationError
 
 from relloc_env.config.base import Finite, Model, NonNegative, Positive, Vector3
 from relloc_env.config.imaging import DETECTORS, LEAST_LEVEL, LEAST_SATURATION, MarkerConfig
@@ -272,11 +273,17 @@ class EnvConfig(Model):
         """Plain data from which `load_config` makes the same configuration.
 
         What the estimator does not state (it takes the noise of the sensors then) stays unstated.
+
+        Raises:
+            ConfigError: a detector or an estimator of the user's own that has no place.
         """
-        data = self.model_dump(mode="json")
-        if self.estimator is not None:
-            stated = self.estimator.model_dump(mode="json", exclude_unset=True)
-            data["estimator"] = {"kind": self.estimator.kind, **stated}
+        try:
+            data = self.model_dump(mode="json")
+            if self.estimator is not None:
+                stated = self.estimator.model_dump(mode="json", exclude_unset=True)
+                data["estimator"] = {"kind": self.estimator.kind, **stated}
+        except PydanticSerializationError as error:
+            raise ConfigError(str(error).partition("ValueError: ")[2] or str(error)) from None
         return data
 
 
