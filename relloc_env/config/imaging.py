@@ -76,6 +76,13 @@ class ImageConfig(Model):
     """who finds targets: `colour`, `apriltag`, or a factory of the user's own (`relloc_env.vision.protocol`) or its
     place, `module:Name` or `path/to/file.py:Name`. None: `colour` for spheres, `apriltag` for tags."""
 
+    @field_validator("distortion", mode="before")
+    @classmethod
+    def _five(cls, value: Any) -> Any:
+        if isinstance(value, list | tuple) and len(value) != 5:
+            raise ValueError(f"must be five numbers k1, k2, p1, p2, k3, but is {value!r}")
+        return value
+
     @field_validator("detector", mode="before")
     @classmethod
     def _known(cls, value: Any) -> Any:

@@ -20,17 +20,19 @@ def validate(model: type[M], data: Any) -> M:
     try:
         return model.model_validate(data)
     except ValidationError as error:
-        raise ConfigError("\n".join(_explain(model, e) for e in error.errors())) from None
+        raise ConfigError("\n".join(_explain(model, data, e) for e in error.errors())) from None
 
 
 _TAGS = ("disc", "box", "cascade", "inverse-depth", "map-alignment", "own")
 """Parts of pydantic's paths that say which of several configurations was tried."""
 
 
-def _explain(model: type[BaseModel], error: Any) -> str:
+def _explain(model: type[BaseModel], data: Any, error: Any) -> str:
     """One line for one of pydantic's errors, in the project's words."""
     *place, last = [str(part) for part in error["loc"] if not str(part).startswith("function-")] or [""]
     path = [*(part for part in place if part not in _TAGS), last]
+    if path[:2] in (["robot", "0"], ["camera", "0"]) and not isinstance(data.get(path[0]), list | tuple):
+        del path[1]  # one was given for all
     name = ".".join(path)
     if error["type"] == "extra_forbidden":
         return f"Unknown option `{name}`{hint(path[-1], _fields_at(model, path[:-1]))}"

@@ -211,7 +211,7 @@ def test_unknown_options_of_a_reset_are_named_in_a_warning(parallel: Any) -> Non
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"camera": {"focal_length": -1.0}}, "`camera.0.focal_length` must be greater than 0, but is -1.0"),
+        ({"camera": {"focal_length": -1.0}}, "`camera.focal_length` must be greater than 0, but is -1.0"),
         ({"poses": [(5, 0, 0), (0, 0, 0)]}, "must have robots within the walls, but robot 0 at"),
         ({"targets": 0}, "`targets` must be greater than or equal to 1, but is 0"),
         ({"points": []}, "must have at least one point in `points`, but has none"),

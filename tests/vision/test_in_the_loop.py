@@ -172,7 +172,7 @@ def test_what_cannot_be_is_refused() -> None:
             load_config(camera="image", marker={"colours": [(214, 40, 40), grey]})
         load_config(camera="image", targets=1, marker={"colours": [(214, 40, 40), grey]})  # of no target
         load_config(marker={"colours": [grey]})
-    with pytest.raises(ConfigError, match=r"Unknown option `camera\.0\.image\.exposur`; did you mean `exposure`"):
+    with pytest.raises(ConfigError, match=r"Unknown option `camera\.image\.exposur`; did you mean `exposure`"):
         load_config(camera={"image": {"exposur": 1.0}})
     with pytest.raises(ConfigError, match="detector"):
         load_config(camera={"image": {"detector": "color"}})
