@@ -17,24 +17,24 @@ __version__ = "0.1.0"
 __all__ = ["env", "parallel_env"]
 
 _DOORS = {"env": "relloc_env.envs.aec:env", "parallel_env": "relloc_env.envs.parallel:parallel_env"}
-_ROBOTS = {"relloc_env/ActiveDepth-v0": 1, "relloc_env/RelativePose-v0": 2}
+_IDS = ("relloc_env/ActiveDepth-v0", "relloc_env/RelativePose-v0")
 
 
 def _register() -> None:
     """Enter the ids into the registries that are loaded; doing it again does nothing."""
-    for name, robots in _ROBOTS.items():
+    for name in _IDS:
         if name not in _gymnasium.registry:
             _gymnasium.register(
                 id=name,
                 entry_point="relloc_env.envs.centralised:RellocEnv",
                 vector_entry_point="relloc_env.envs.vector:RellocVectorEnv",
-                kwargs={"robots": robots},
+                kwargs={"task": name},
             )
         pettingzoo = sys.modules.get("pettingzoo")
         if pettingzoo is not None and hasattr(pettingzoo, "parallel_registry"):  # from 1.27
             for kind, door in (("aec", "env"), ("parallel", "parallel_env")):
                 if name not in getattr(pettingzoo, f"{kind}_registry"):
-                    pettingzoo.register(kind, name, entry_point=_DOORS[door], kwargs={"robots": robots})
+                    pettingzoo.register(kind, name, entry_point=_DOORS[door], kwargs={"task": name})
 
 
 _register()

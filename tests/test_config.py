@@ -1,5 +1,6 @@
 """Configuration: what is refused and how, files, and plain data and back without loss."""
 
+import itertools
 import json
 import math
 from collections.abc import Callable
@@ -14,7 +15,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import relloc_env
-from relloc_env.config import CameraConfig, ConfigError, EnvConfig, load_config, read_file
+from relloc_env.config import CameraConfig, ConfigError, EnvConfig, load_config, override, read_file
 from relloc_env.estimators.config import PRESETS
 from relloc_env.scenarios import SCENARIOS
 
@@ -26,6 +27,18 @@ WRONG: dict[str, tuple[dict[str, Any], tuple[str, ...]]] = {
     ),
     "view too wide": ({"camera": {"field_of_view": 180.0}}, ("field_of_view", "between 0 and 180", "180.0")),
     "far before near": ({"camera": {"near": 2.0, "far": 1.0}}, ("camera", "far", "greater than", "2.0", "1.0")),
+    "camera of a list": ({"camera": ["pi", {"far": -1.0}]}, ("`camera.1.far`", "greater than 0", "-1.0")),
+    "first camera of a list": ({"camera": [{"far": -1.0}, "pi"]}, ("`camera.0.far`", "greater than 0", "-1.0")),
+    "neither preset nor kind": (
+        {"camera": "imag"}, ("`camera` must be a preset (pi, kinect", "kind (analytic, image)", "'imag'"),
+    ),
+    "lens of four": (
+        {"camera": {"image": {"distortion": [0.1, 0, 0, 0]}}},
+        ("`camera.image.distortion` must be five numbers k1, k2, p1, p2, k3", "[0.1, 0, 0, 0]"),
+    ),
+    "detector that is a number": (
+        {"camera": {"image": {"detector": 5}}}, ("`camera.image.detector` must be one of colour, apriltag", "but is 5"),
+    ),
     "unknown preset": ({"camera": "fisheye"}, ("camera", "preset", "'fisheye'", "kinect")),
     "frames faster than samples": ({"camera": {"frame_rate": 30.0}}, ("frame_rate", "20", "30")),
     "no image": ({"camera": {"width": 0, "focal_length": 5.0}}, ("camera", "width", "greater than 0", "0")),
@@ -52,7 +65,7 @@ WRONG: dict[str, tuple[dict[str, Any], tuple[str, ...]]] = {
     "point without height": ({"points": [(1.0, 2.0)]}, ("points.0", "2")),
     "point at infinity": ({"points": [(1.0, math.inf, 0.0)]}, ("points.0.1", "finite", "inf")),
     "pose that is no number": ({"poses": [(0, 0, math.nan), (1, 1, 0)]}, ("poses.0.2", "finite", "nan")),
-    "negative radius": ({"robot": {"radius": -0.1}}, ("robot.0.radius", "greater than 0", "-0.1")),
+    "negative radius": ({"robot": {"radius": -0.1}}, ("`robot.radius`", "greater than 0", "-0.1")),
     "negative noise": ({"robot": {"odometry_noise": (-1, 0)}}, ("odometry_noise", "greater than or equal to 0", "-1")),
     "speed of zero": ({"robot": {"max_speed": 0}}, ("max_speed", "greater than 0", "0")),
     "no floor": ({"arena": (0, 5)}, ("arena.0", "greater than 0", "0")),
@@ -103,9 +116,9 @@ def test_message_names_the_option_what_it_must_be_and_what_it_was(name: str) -> 
     [
         ({"robts": 1}, "robts", "robots"),
         ({"samples_per_acton": 1}, "samples_per_acton", "samples_per_action"),
-        ({"robot": {"max_sped": 1.0}}, "robot.0.max_sped", "max_speed"),
-        ({"camera": {"focal_lenght": 500.0}}, "camera.0.focal_lenght", "focal_length"),
-        ({"camera": {"fieldofview": 60.0}}, "camera.0.fieldofview", "field_of_view"),
+        ({"robot": {"max_sped": 1.0}}, "`robot.max_sped`", "max_speed"),
+        ({"camera": {"focal_lenght": 500.0}}, "`camera.focal_lenght`", "focal_length"),
+        ({"camera": {"fieldofview": 60.0}}, "`camera.fieldofview`", "field_of_view"),
         ({"network": {"latncy": 0.1}}, "network.latncy", "latency"),
         ({"shield": {"targt": 0.1}}, "shield.targt", "target"),
         ({"start": {"heading_eror": 1.0}}, "start.heading_eror", "heading_error"),
@@ -227,6 +240,82 @@ def test_options_go_over_what_is_there() -> None:
     gains = load_config({"estimator": {"kind": "cascade", "h": 3.0}}, estimator={"alpha_lambda": 60.0}).estimator
     assert gains is not None
     assert gains.model_dump(include={"h", "alpha_lambda"}) == {"h": 3.0, "alpha_lambda": 60.0}
+
+
+SETS: dict[str, tuple[list[str], dict[str, Any]]] = {
+    "kind": (["camera=image", "camera.image.exposure=0.5"], {"camera": {"kind": "image", "image": {"exposure": 0.5}}}),
+    "preset": (["camera=kinect", "camera.far=5.0"], {"camera": {"preset": "kinect", "far": 5.0}}),
+    "kind and preset": (
+        ["camera=image", "camera=kinect", "camera.image.noise=1.0"],
+        {"camera": {"kind": "image", "preset": "kinect", "image": {"noise": 1.0}}},
+    ),
+    "estimator": (["estimator=cascade", "estimator.h=3.0"], {"estimator": {"kind": "cascade", "h": 3.0}}),
+    "preset of an estimator": (
+        ["estimator=cascade-critical", "estimator.h_floor=2.0"],
+        {"estimator": {"kind": "cascade", "damping": "critical", "measurement": "depth", "process": "odometry",
+                       "h_floor": 2.0}},
+    ),
+    "deeper": (["network.loss=0.1", "network.rate=5.0"], {"network": {"loss": 0.1, "rate": 5.0}}),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", SETS)
+@pytest.mark.parametrize("place", ["", "environment.options."])
+def test_overrides_go_into_what_a_name_stands_for_in_any_order(name: str, place: str) -> None:
+    texts, expected = SETS[name]
+    for order in itertools.permutations(texts):
+        data: dict[str, Any] = {}
+        for text in order:
+            override(data, place + text)
+        assert load_config(data["environment"]["options"] if place else data) == load_config(expected), order
+
+
+def test_overrides_of_what_is_chosen_anew() -> None:
+    """Another estimator or preset voids what was said of the one before, a kind of camera does not."""
+    data: dict[str, Any] = {"estimator": {"kind": "cascade", "h": 3.0}, "camera": {"preset": "kinect", "far": 5.0}}
+    given = json.dumps(data)
+    for text in ("estimator=map-alignment", "camera=image"):
+        override(data, text)
+    assert load_config(data) == load_config(
+        estimator="map-alignment", camera={"preset": "kinect", "far": 5.0, "kind": "image"}
+    )
+    override(data, "camera=pi")
+    assert load_config(data).camera_of(0) == CameraConfig.model_validate("pi")
+    inside: dict[str, Any] = {"options": json.loads(given)}
+    override(copy := dict(inside), "options.camera.far=6.0")
+    assert (json.dumps(inside["options"]), copy["options"]["camera"]["far"]) == (given, 6.0)
+
+
+@pytest.mark.parametrize(
+    ("texts", "message"),
+    [
+        (["max_cycles=5", "max_cycles.more=1"], r"`max_cycles` must be a mapping for `max_cycles.more` .* but is 5"),
+        (["shield=null", "shield.target=1"], "`shield` must be a mapping for `shield.target` to be set, but is None"),
+        (["camera=[pi, pi]", "camera.far=5"], r"`camera` must be a mapping for .*, but is \['pi', 'pi'\]"),
+        (["robot.lag.0=1", "robot.lag.0.x=1"], r"`robot.lag.0` must be a mapping"),
+        (["estimator=casc", "estimator.h=3"], "`estimator` must be the name of an estimator, but is 'casc'"),
+        (["estimator.h=3", "estimator=casc"], "`estimator` must be the name of an estimator, but is 'casc'"),
+    ],
+)
+def test_overrides_within_what_is_no_mapping_are_refused(texts: list[str], message: str) -> None:
+    data: dict[str, Any] = {}
+    override(data, texts[0])
+    with pytest.raises(ConfigError, match=message):
+        override(data, texts[1])
+
+
+def test_options_go_into_what_a_name_stands_for() -> None:
+    assert load_config({"camera": "kinect"}, camera={"near": 0.5}) == load_config(
+        camera={"preset": "kinect", "near": 0.5}
+    )
+    assert load_config({"camera": "kinect"}, camera="image") == load_config(
+        camera={"preset": "kinect", "kind": "image"}
+    )
+    assert load_config({"estimator": "cascade"}, estimator={"h": 3.0}) == load_config(
+        estimator={"kind": "cascade", "h": 3.0}
+    )
+    told = load_config({"estimator": "map-alignment-mocap"}, estimator={"kind": "map-alignment", "iterations": 5})
+    assert told == load_config(estimator={"kind": "map-alignment", "iterations": 5})
 
 
 def test_scenarios_are_left_as_they_are() -> None:
@@ -380,3 +469,45 @@ def test_reading_a_file_gives_its_mapping(tmp_path: Path) -> None:
 def test_a_margin_that_leaves_no_room_is_refused() -> None:
     with pytest.raises(ConfigError, match=r"`start.margin` below half the arena .* but it is 20"):
         load_config(start={"margin": 20.0})
+
+
+def test_colours_of_up_to_eight_targets_stay_and_more_are_all_different() -> None:
+    first = [load_config().look.colour_of(m) for m in range(8)]
+    assert first[:3] == [(214, 40, 40), (30, 90, 214), (40, 170, 60)]
+    for count in range(1, 33):
+        config = load_config(targets=count, camera="image")
+        colours = [config.look.colour_of(m) for m in range(count)]
+        if count <= 8:
+            assert colours == first[:count]
+        assert len(set(colours)) == min(count, 24)
+        stated = load_config(config, marker={"colours": [(200, 10, 10)]})
+        assert {stated.look.colour_of(m) for m in range(count)} == {(200, 10, 10)}
+        assert load_config(config.to_dict(), targets=32) == load_config(targets=32, camera="image")
+
+
+class Found:
+    """Stands for a detector of one's own."""
+
+    class Inner:
+        """Inside another."""
+
+    def __init__(self, view: Any) -> None: ...
+
+
+def test_a_detector_of_ones_own_as_plain_data() -> None:
+    for own, place in ((Found, f"{__name__}:Found"), (Found.Inner, f"{__name__}:Found.Inner"), ("a.py:B", "a.py:B")):
+        config = load_config({"camera": {"kind": "image", "image": {"detector": own}}})
+        plain = config.to_dict()
+        assert plain["camera"][0]["image"]["detector"] == place
+        assert load_config(json.loads(json.dumps(plain))).to_dict() == plain
+        assert load_config(config, targets=3).detector_of(1) is own
+    nameless = lambda _: None  # noqa: E731
+    config = load_config(camera=["pi", {"kind": "image", "image": {"detector": nameless}}])
+    assert load_config(config, targets=3).detector_of(1) is nameless
+    with pytest.raises(
+        ConfigError, match=r"^Argument `camera.image.detector` must be a class or function that its mod"
+    ):
+        config.to_dict()
+    config = load_config(estimator=lambda *_, **__: None)
+    with pytest.raises(ConfigError, match=r"^Argument `estimator.factory` must be a class or function that its module"):
+        config.to_dict()

@@ -10,6 +10,7 @@ from pydantic import BaseModel, ValidationError
 
 from relloc_env.config.models import ConfigError, EnvConfig, hint
 from relloc_env.config.parts import KINDS, CameraConfig
+from relloc_env.estimators.registry import resolve
 
 M = TypeVar("M", bound=BaseModel)
 
@@ -19,17 +20,19 @@ def validate(model: type[M], data: Any) -> M:
     try:
         return model.model_validate(data)
     except ValidationError as error:
-        raise ConfigError("\n".join(_explain(model, e) for e in error.errors())) from None
+        raise ConfigError("\n".join(_explain(model, data, e) for e in error.errors())) from None
 
 
 _TAGS = ("disc", "box", "cascade", "inverse-depth", "map-alignment", "own")
 """Parts of pydantic's paths that say which of several configurations was tried."""
 
 
-def _explain(model: type[BaseModel], error: Any) -> str:
+def _explain(model: type[BaseModel], data: Any, error: Any) -> str:
     """One line for one of pydantic's errors, in the project's words."""
     *place, last = [str(part) for part in error["loc"] if not str(part).startswith("function-")] or [""]
     path = [*(part for part in place if part not in _TAGS), last]
+    if path[:2] in (["robot", "0"], ["camera", "0"]) and not isinstance(data.get(path[0]), list | tuple):
+        del path[1]  # one was given for all
     name = ".".join(path)
     if error["type"] == "extra_forbidden":
         return f"Unknown option `{name}`{hint(path[-1], _fields_at(model, path[:-1]))}"
@@ -91,14 +94,52 @@ def read_file(path: str | Path) -> dict[str, Any]:
     return data
 
 
+_CHOICES = {"estimator": "kind", "camera": "preset"}
+"""Entries whose change makes the others of their mapping void."""
+
+
 def put(data: dict[str, Any], path: str, value: Any) -> None:
-    """Put a value at `path.to.field` of nested mappings, which are copied on the way."""
+    """Put a value at `path.to.field` of nested mappings, which are copied on the way.
+
+    The name of a camera's kind or preset, or of an estimator, stands for a mapping: entries go into it, and it goes
+    under entries that are there already; a mapping that has another preset or a kind of estimator is replaced.
+
+    Raises:
+        ConfigError: something on the way is neither a mapping nor such a name.
+    """
     *parents, last = path.split(".")
-    for part in parents:
-        inside = data.get(part)
-        data[part] = dict(inside) if isinstance(inside, Mapping) else {}
+    for k, part in enumerate(parents):
+        inside = _in_full(part, data.get(part, {}))
+        if not isinstance(inside, Mapping):
+            place = ".".join(parents[: k + 1])
+            raise ConfigError(f"Argument `{place}` must be a mapping for `{path}` to be set, but is {inside!r}")
+        data[part] = dict(inside)
         data = data[part]
-    data[last] = value
+    data[last] = _under(last, data.get(last), value) if isinstance(value, str) else value
+
+
+def _under(key: str, old: Any, name: str) -> Any:
+    """Return what stands at `key` after `name` was put there: what it stands for, under the entries that are there."""
+    old = _in_full(key, old)
+    if key not in _CHOICES or not isinstance(old, Mapping):
+        return name
+    new = _in_full(key, name)
+    if key == "camera" and "kind" in new:
+        return {**old, **new}
+    return name if _CHOICES[key] in old else {**new, **old}
+
+
+def _in_full(key: str, value: Any) -> Any:
+    """Return the mapping for which a name stands at `key`, or else the value."""
+    if not isinstance(value, str) or key not in _CHOICES:
+        return value
+    if key == "camera":
+        return {"kind" if value in KINDS else "preset": value}
+    try:
+        config = resolve(value)
+    except ValueError as error:
+        raise ConfigError(str(error)) from None
+    return {"kind": config.kind, **config.model_dump(mode="json", exclude_unset=True)}
 
 
 def override(data: dict[str, Any], text: str) -> None:
@@ -114,10 +155,6 @@ def override(data: dict[str, Any], text: str) -> None:
         put(data, path, yaml.safe_load(value))
     except yaml.YAMLError:
         raise ConfigError(f"The value of `{path}` must be YAML, but is {value!r}") from None
-
-
-_CHOICES = {"estimator": "kind", "camera": "preset"}
-"""Entries whose change makes the others of their mapping void."""
 
 
 def merge(base: Mapping[str, Any], extra: Mapping[str, Any]) -> dict[str, Any]:
@@ -137,6 +174,8 @@ def _over(key: str, old: Any, value: Any) -> Any:
         value = {"kind": value}
     if not isinstance(value, Mapping):
         return value
+    if key == "camera" or "kind" not in value:
+        old = _in_full(key, old)
     if key in ("robot", "camera") and isinstance(old, list | tuple):
         return [_over(key, entry, value) for entry in old]
     choice = _CHOICES.get(key)
@@ -145,25 +184,31 @@ def _over(key: str, old: Any, value: Any) -> Any:
     return merge(old, value)
 
 
-def load_config(config: EnvConfig | Mapping[str, Any] | str | Path | None = None, **options: Any) -> EnvConfig:
+TASKS = {"relloc_env/ActiveDepth-v0": 1, "relloc_env/RelativePose-v0": 2}
+"""Ids of environments, and how many robots each has."""
+
+
+def load_config(
+    config: EnvConfig | Mapping[str, Any] | str | Path | None = None, *, task: str | None = None, **options: Any
+) -> EnvConfig:
     """Build a configuration of an environment.
 
     Args:
         config: an `EnvConfig`, a mapping, a YAML or JSON file, the name of a scenario (`relloc_env.scenarios`), or None
             for the default task. A mapping or file may name the scenario it changes as `scenario`.
+        task: the id of an environment (of `TASKS`), which says how many robots there are.
         **options: put over it; a mapping changes only the entries it names.
 
     Raises:
-        ConfigError: an unknown option (with a suggestion), or a value that cannot be.
+        ConfigError: an unknown option (with a suggestion), a value that cannot be, or robots that the id does not have.
     """
     from relloc_env.scenarios import scenario  # scenarios are built of configurations
 
     if isinstance(config, EnvConfig):
-        own = config.estimator is not None and config.estimator.kind == "own"
-        told = config.model_copy(update={"estimator": None}) if own else config
-        data: dict[str, Any] = {k: v for k, v in told.to_dict().items() if k in config.model_fields_set}
-        if own:
-            data["estimator"] = config.estimator  # a function stays the one it is
+        data: dict[str, Any] = {k: v for k, v in config.model_dump().items() if k in config.model_fields_set}
+        if "estimator" in data and config.estimator is not None:
+            stated = config.estimator.model_dump(exclude_unset=True)
+            data["estimator"] = {"kind": config.estimator.kind, **stated}  # a function stays the one it is
     elif isinstance(config, str) and not config.endswith((".yaml", ".yml", ".json")):
         data = {"scenario": config}
     elif isinstance(config, str | Path):
@@ -178,4 +223,15 @@ def load_config(config: EnvConfig | Mapping[str, Any] | str | Path | None = None
     name = data.pop("scenario", None)
     if name is not None:
         data = merge(scenario(name), data)
-    return validate(EnvConfig, data)
+    return validate(EnvConfig, data if task is None else _for_task(data, task))
+
+
+def _for_task(data: dict[str, Any], task: str) -> dict[str, Any]:
+    """Return the data with the number of robots of an id, or raise where another is stated."""
+    if task not in TASKS:
+        raise ConfigError(f"Argument `task` must be one of {', '.join(TASKS)}, but is {task!r}")
+    robots = data.get("robots", TASKS[task])
+    if robots != TASKS[task]:
+        other = next((f"; `{name}` has so many" for name, count in TASKS.items() if count == robots), "")
+        raise ConfigError(f"Argument `robots` must be {TASKS[task]} for `{task}`, but is {robots!r}{other}")
+    return {**data, "robots": robots}

@@ -2,13 +2,14 @@
 
 import difflib
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import BaseModel, BeforeValidator, Field, field_validator, model_validator
+from pydantic_core import PydanticSerializationError
 
 from relloc_env.config.base import Finite, Model, NonNegative, Positive, Vector3
-from relloc_env.config.imaging import MarkerConfig
+from relloc_env.config.imaging import DETECTORS, LEAST_LEVEL, LEAST_SATURATION, MarkerConfig
 from relloc_env.config.parts import (
     BoxConfig,
     CameraConfig,
@@ -157,6 +158,7 @@ class EnvConfig(Model):
                 raise ValueError(
                     f"must have `frame_rate` at most the sample rate {self.sample_rate}, but it is {camera.frame_rate}"
                 )
+        self._check_detectors()
         if self.arena is not None and 2.0 * self.start.margin >= min(self.arena):
             raise ValueError(
                 f"must have `start.margin` below half the arena {self.arena}, but it is {self.start.margin}"
@@ -166,6 +168,29 @@ class EnvConfig(Model):
         if self.poses is not None:
             self.check_poses(self.poses)
         return self
+
+    def _check_detectors(self) -> None:
+        """Raise ValueError where a detector of this package cannot find the targets."""
+        kind, shown = self.marker.kind, self.look
+        for r in {r % len(self.camera) for r in range(self.robots) if self.camera_of(r).kind == "image"}:
+            detector = self.detector_of(r)
+            if not isinstance(detector, str) or detector not in DETECTORS:
+                continue
+            if DETECTORS[detector] != kind:
+                fits = next(name for name, found in DETECTORS.items() if found == kind)
+                raise ValueError(
+                    f"must have a `camera.image.detector` that finds the `marker.kind` {kind!r}, such as {fits!r}, but "
+                    f"it is {detector!r}"
+                )
+            for m in range(self.targets if kind == "sphere" else 0):
+                colour = shown.colour_of(m)
+                high = max(colour)
+                if high < LEAST_LEVEL or 255.0 * (high - min(colour)) < LEAST_SATURATION * high:
+                    raise ValueError(
+                        "must have `marker.colours` that the detector `colour` tells from grey: with a greatest "
+                        f"channel of {LEAST_LEVEL} or more, the least at most "
+                        f"{1.0 - LEAST_SATURATION / 255.0:.0%} of it; but one is {colour}"
+                    )
 
     def check_poses(self, poses: tuple[tuple[float, float, float], ...]) -> None:
         """Raise ValueError where a robot at one of `poses` would stand in a wall, an obstacle, or another robot."""
@@ -190,6 +215,16 @@ class EnvConfig(Model):
     def camera_of(self, index: int) -> CameraConfig:
         """Configuration of one robot's camera."""
         return self.camera[index % len(self.camera)]
+
+    def detector_of(self, index: int) -> str | Callable[..., Any]:
+        """Who finds targets in the pictures of one robot: what is stated, or the one that finds the marker."""
+        stated = self.camera_of(index).image.detector
+        return next(name for name, kind in DETECTORS.items() if kind == self.marker.kind) if stated is None else stated
+
+    @property
+    def look(self) -> MarkerConfig:
+        """What targets look like, with a colour for each."""
+        return self.marker.for_targets(self.targets)
 
     @property
     def gain_names(self) -> tuple[str, ...]:
@@ -238,11 +273,17 @@ class EnvConfig(Model):
         """Plain data from which `load_config` makes the same configuration.
 
         What the estimator does not state (it takes the noise of the sensors then) stays unstated.
+
+        Raises:
+            ConfigError: a detector or an estimator of the user's own that has no place.
         """
-        data = self.model_dump(mode="json")
-        if self.estimator is not None:
-            stated = self.estimator.model_dump(mode="json", exclude_unset=True)
-            data["estimator"] = {"kind": self.estimator.kind, **stated}
+        try:
+            data = self.model_dump(mode="json")
+            if self.estimator is not None:
+                stated = self.estimator.model_dump(mode="json", exclude_unset=True)
+                data["estimator"] = {"kind": self.estimator.kind, **stated}
+        except PydanticSerializationError as error:
+            raise ConfigError(str(error).partition("ValueError: ")[2] or str(error)) from None
         return data
 
 

@@ -82,6 +82,10 @@ class CameraConfig(Model):
     def _complete(cls, data: Any) -> Any:
         """Fill in the preset, the focal length from the field of view, and the principal point."""
         if isinstance(data, str):
+            if data not in CAMERAS and data not in KINDS:
+                raise ValueError(
+                    f"must be a preset ({', '.join(CAMERAS)}) or a kind ({', '.join(KINDS)}), but is {data!r}"
+                )
             data = {"kind": data} if data in KINDS else {"preset": data}
         if not isinstance(data, Mapping):
             return data

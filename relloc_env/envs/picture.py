@@ -83,7 +83,7 @@ class Picture:
         config = self._core.config
         if all(config.camera_of(r).kind == "analytic" for r in range(config.robots)):
             return drawn
-        painted = np.array([config.marker.colour_of(m) for m in range(config.targets)], np.uint8)
+        painted = np.array([config.look.colour_of(m) for m in range(config.targets)], np.uint8)
         return replace(drawn, colours=painted, pictures=[self._take(r) for r in range(config.robots)])
 
     def _take(self, robot: int) -> NDArray[np.uint8] | None:

@@ -1,7 +1,6 @@
 """Options of the built-in estimators: frozen, validated where they are built, plain data and back without loss."""
 
 import difflib
-import sys
 from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Annotated, Any, Literal
@@ -17,6 +16,8 @@ from pydantic import (
     field_validator,
     model_validator,
 )
+
+from relloc_env.places import place_of
 
 LEAST_IMAGE_NOISE = 1e-4
 """[-] a camera without noise is taken to have this much: covariances stay regular."""
@@ -205,12 +206,7 @@ class OwnConfig(EstimatorOptions):
     @property
     def has_place(self) -> bool:
         """Whether the factory is found again by its name: a lambda, a partial or a function inside another is not."""
-        if isinstance(self.factory, str):
-            return True
-        found: Any = sys.modules.get(getattr(self.factory, "__module__", ""))
-        for part in getattr(self.factory, "__qualname__", "<none>").split("."):
-            found = getattr(found, part, None)
-        return found is self.factory
+        return isinstance(self.factory, str) or place_of(self.factory) is not None
 
     @property
     def name(self) -> str:

@@ -8,13 +8,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from relloc_env.config.imaging import SATURATION
 from relloc_env.samples import Bool, Float
 from relloc_env.vision.lens import picture_rays, to_pixels
 from relloc_env.vision.outline import agreement, area_of, from_ellipse, from_rim, moments, refined
 from relloc_env.vision.protocol import Detections, Detector, Picture, View
 
-SATURATION = 96
-"""Least saturation (of 255) of a target's pixels; the world around is greyer."""
 BRIGHTNESS, OF_LIGHT = 30, 0.3
 """Least greatest channel (of 255) of a target's pixels, or as much of that of the picture's median if it is less."""
 DARK, NIGHT = 45, 12

@@ -30,7 +30,7 @@ class Eyes:
         self.tracks: Tracks = empty_tracks(num_envs, config.robots, config.targets)
         self._sensors = [{r: Sensor(config, r) for r in self.robots} for _ in range(threads)]
         self._detectors = [{r: make_detector(config, r) for r in self.robots} for _ in range(threads)]
-        self._own = [r for r in self.robots if config.camera_of(r).image.detector not in BUILT_IN]
+        self._own = [r for r in self.robots if config.detector_of(r) not in BUILT_IN]
         self._pictures = [
             {r: np.zeros((s.view.height, s.view.width, 3), np.uint8) for r, s in sensors.items()}
             for sensors in self._sensors
@@ -93,14 +93,13 @@ class Eyes:
 
 def _warn_of_repeated_colours(config: EnvConfig, robots: list[int]) -> None:
     """Say so where two robots or more tell targets by colours that several targets have."""
-    by_colour = [r for r in robots if config.camera_of(r).image.detector == "colour"]
-    colours = [config.marker.colour_of(m) for m in range(config.targets)]
+    by_colour = [r for r in robots if config.detector_of(r) == "colour"]
+    colours = [config.look.colour_of(m) for m in range(config.targets)]
     repeated = len(colours) - len(set(colours))
     if len(by_colour) > 1 and repeated and config.marker.kind == "sphere":
         warnings.warn(
             f"Of {len(colours)} targets, {repeated} have the colour of another: each robot numbers those of one colour "
             "from left to right as it first sees them, so robots may take one for another and estimates be wrong. Give "
-            'each target a colour of its own in `marker.colours`, or use tags (`marker.kind="tag"` with '
-            '`camera.image.detector="apriltag"`)',
+            'each target a colour of its own in `marker.colours`, or use tags (`marker.kind="tag"`)',
             stacklevel=2,
         )

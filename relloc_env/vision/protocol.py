@@ -70,7 +70,7 @@ def view_of(config: EnvConfig, robot: int, size: tuple[int, int] | None = None) 
     x, y = width / camera.width, height / camera.height
     focal, (c_x, c_y) = camera.focal_length, camera.principal_point
     intrinsics = np.array([x * focal, y * focal, x * c_x, y * c_y])
-    return View(width, height, intrinsics, np.array(camera.image.distortion), config.marker, config.targets)
+    return View(width, height, intrinsics, np.array(camera.image.distortion), config.look, config.targets)
 
 
 def make_detector(config: EnvConfig, robot: int) -> Detector:
@@ -80,7 +80,7 @@ def make_detector(config: EnvConfig, robot: int) -> Detector:
         ModuleNotFoundError: OpenCV is missing for one of the built-in ones.
         ValueError, TypeError: a name that leads nowhere, or to what makes no detector.
     """
-    view, given = view_of(config, robot), config.camera_of(robot).image.detector
+    view, given = view_of(config, robot), config.detector_of(robot)
     if given in BUILT_IN:
         try:
             module = importlib.import_module(f"relloc_env.vision.{BUILT_IN[str(given)]}")

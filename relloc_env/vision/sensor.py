@@ -43,7 +43,7 @@ class Sensor:
     def __init__(self, config: EnvConfig, robot: int, size: tuple[int, int] | None = None) -> None:
         self.view = view = view_of(config, robot, size)
         camera, robots = config.camera_of(robot), [config.robot_of(r) for r in range(config.robots)]
-        image, marker, m = camera.image, config.marker, config.targets
+        image, marker, m = camera.image, config.look, config.targets
         f_x = float(view.intrinsics[0])
         rays = picture_rays(view.width, view.height, view.intrinsics, view.lens)
         first, last = float(rays[..., 0].min()), float(rays[..., 0].max())

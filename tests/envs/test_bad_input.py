@@ -5,11 +5,12 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
+import pettingzoo
 import pytest
 from gymnasium.error import ResetNeeded
 
 import relloc_env
-from relloc_env.config import ConfigError
+from relloc_env.config import ConfigError, load_config
 
 SINGLE, PAIR = "relloc_env/ActiveDepth-v0", "relloc_env/RelativePose-v0"
 ZERO = {"robot_a": np.zeros(2), "robot_b": np.zeros(2)}
@@ -210,7 +211,7 @@ def test_unknown_options_of_a_reset_are_named_in_a_warning(parallel: Any) -> Non
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"camera": {"focal_length": -1.0}}, "`camera.0.focal_length` must be greater than 0, but is -1.0"),
+        ({"camera": {"focal_length": -1.0}}, "`camera.focal_length` must be greater than 0, but is -1.0"),
         ({"poses": [(5, 0, 0), (0, 0, 0)]}, "must have robots within the walls, but robot 0 at"),
         ({"targets": 0}, "`targets` must be greater than or equal to 1, but is 0"),
         ({"points": []}, "must have at least one point in `points`, but has none"),
@@ -222,3 +223,40 @@ def test_impossible_configurations_at_every_door(options: dict[str, Any], messag
     for door in (relloc_env.parallel_env, relloc_env.env, lambda **given: gym.make(PAIR, **given)):
         with pytest.raises(ConfigError, match=re.escape(message)):
             door(**options)
+
+
+@pytest.mark.parametrize("make", [gym.make, gym.make_vec, "sync", "parallel", "aec"])
+@pytest.mark.parametrize(("name", "wrong", "other"), [(SINGLE, 2, PAIR), (PAIR, 1, SINGLE), (PAIR, 3, None)])
+def test_robots_that_an_id_does_not_have(make: Any, name: str, wrong: int, other: str | None) -> None:
+    """By keyword, mapping, configuration and scenario; what agrees is taken."""
+
+    def build(**options: Any) -> Any:
+        options["estimator"] = None
+        if make in ("parallel", "aec"):
+            registry = getattr(pettingzoo, f"{make}_registry", None)
+            if registry is None:
+                pytest.skip("PettingZoo has no registry")
+            return pettingzoo.make(make, name, **options)
+        if make == "sync":
+            return gym.make_vec(name, num_envs=1, vectorization_mode="sync", **options)
+        return make(name, **options)
+
+    message = f"`robots` must be {3 - wrong if other else 2} for `{name}`, but is {wrong}"
+    message += f"; `{other}` has so many" if other else ""
+    given: list[dict[str, Any]] = [{"robots": wrong}, {"config": {"robots": wrong}}]
+    if other:
+        given += [{"config": load_config(robots=wrong)}, {"config": load_config(robots=wrong).to_dict()}]
+    if wrong == 1:
+        given.append({"config": "paper-depth"})
+    for options in given:
+        with pytest.raises(ConfigError, match=message):
+            build(**options)
+
+
+def test_robots_that_an_id_has_may_be_stated() -> None:
+    for name, robots in ((SINGLE, 1), (PAIR, 2)):
+        for options in ({"robots": robots}, {"config": {"robots": robots}}, {"config": load_config()}, {}):
+            env: Any = gym.make(name, estimator=None, **options).unwrapped
+            assert env.config.robots == robots
+    with pytest.raises(ConfigError, match="`task` must be one of relloc_env/ActiveDepth-v0"):
+        load_config(task="nothing")

@@ -1,5 +1,6 @@
 """Detectors on single pictures, against OpenCV's projection of where things are."""
 
+import colorsys
 import math
 from typing import Any
 
@@ -7,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from relloc_env.config import load_config
+from relloc_env.config import ConfigError, load_config
 from relloc_env.vision import Detections, View, make_detector, view_of
 from relloc_env.vision.protocol import MISSING
 from relloc_env.vision.sensor import Sensor
@@ -193,6 +194,45 @@ def test_all_colours_of_the_palette_are_found_in_poor_light() -> None:
         found, truth = look(world({"exposure": exposure}, targets=8), points)
         assert np.array_equal(found.fits.sum(axis=0), np.ones(8)), exposure
         assert errors(found, truth).max() < 0.5
+
+
+@pytest.mark.parametrize("exposure", [0.33, 1.0])
+@pytest.mark.parametrize("targets", [12, 24])
+def test_many_targets_have_colours_that_are_told_apart(targets, exposure) -> None:
+    """A grid of six columns, each target at its place alone."""
+    config, m = world({"exposure": exposure}, targets=targets), np.arange(targets)
+    assert len({config.look.colour_of(k) for k in range(targets)}) == targets
+    x, y = (m % 6 - 2.5) / 6.0, (m // 6 - 1.5) / 8.0
+    found, truth = look(config, np.column_stack([np.full(targets, 4.0), -4.0 * x, 0.3 - 4.0 * y]))
+    assert np.array_equal(found.fits.sum(axis=0), np.ones(targets))
+    assert errors(found, truth).max() < 0.5
+
+
+def test_the_detector_follows_the_marker() -> None:
+    from relloc_env.vision.colour import ColourDetector
+
+    assert type(make_detector(world(targets=1), 0)) is ColourDetector
+    config = world(targets=1, **TAG)
+    found, truth = look(config, [(3.0, 0.0, 0.5)])
+    assert errors(found, truth).max() < 1.0
+
+
+@pytest.mark.parametrize("hue", [0.05, 0.38, 0.72])
+@pytest.mark.parametrize("share", [0.4, 0.6])
+def test_colours_are_refused_where_they_are_not_seen(hue, share) -> None:
+    """At a saturation of 0.40 targets are found and accepted; of 0.36 neither."""
+    points = [(3.0, 0.3 * k, 0.4) for k in (-1, 0, 1)]
+    for saturation, seen in ((0.41, True), (0.36, False)):
+        colour = tuple(round(255.0 * level) for level in colorsys.hsv_to_rgb(hue, saturation, 0.2 + share))
+        options: dict[str, Any] = {"targets": 3, "marker": {"colours": [colour]}}
+        camera = load_config(robots=1, **options, camera={"image": {"detector": "colour"}})  # takes no pictures
+        found, _ = look(camera, points)
+        assert (len(found.pixels) == 3) is seen
+        if seen:
+            world(**options)
+        else:
+            with pytest.raises(ConfigError, match="tells from grey"):
+                world(**options)
 
 
 def test_an_empty_picture_has_no_targets() -> None:

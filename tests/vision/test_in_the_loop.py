@@ -158,7 +158,21 @@ def test_what_cannot_be_is_refused() -> None:
         load_config(camera={"preset": "unlimited", "kind": "image"})
     with pytest.raises(ConfigError, match="at least one colour"):
         load_config(marker={"colours": []})
-    with pytest.raises(ConfigError, match=r"Unknown option `camera\.0\.image\.exposur`; did you mean `exposure`"):
+    tags: dict[str, Any] = {"marker": {"kind": "tag"}}
+    for marker, detector, fits in (({}, "apriltag", "colour"), (tags, "colour", "apriltag")):
+        for camera in (
+            {"kind": "image", "image": {"detector": detector}},
+            ["pi", {"kind": "image", "image": {"detector": detector}}],
+        ):
+            with pytest.raises(ConfigError, match=f"such as '{fits}', but it is '{detector}'"):
+                load_config(camera=camera, **marker)
+        assert load_config(camera={"image": {"detector": detector}}, **marker).camera_of(0).kind == "analytic"
+    for grey in ((128, 128, 128), (255, 255, 255), (0, 0, 0), (255, 180, 180)):
+        with pytest.raises(ConfigError, match=r"tells from grey.*one is \(\d"):
+            load_config(camera="image", marker={"colours": [(214, 40, 40), grey]})
+        load_config(camera="image", targets=1, marker={"colours": [(214, 40, 40), grey]})  # of no target
+        load_config(marker={"colours": [grey]})
+    with pytest.raises(ConfigError, match=r"Unknown option `camera\.image\.exposur`; did you mean `exposure`"):
         load_config(camera={"image": {"exposur": 1.0}})
     with pytest.raises(ConfigError, match="detector"):
         load_config(camera={"image": {"detector": "color"}})
