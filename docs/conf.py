@@ -47,6 +47,7 @@ nb_execution_raise_on_error = True
 nb_execution_timeout = 900  # of a cell: the first may have to compile kernels, on a slow machine
 nb_merge_streams = True
 
+viewcode_follow_imported_members = False  # a function that is shown under a shorter name would be linked to nowhere
 autodoc_member_order = "bysource"
 autodoc_typehints = "description"
 autodoc_typehints_description_target = "documented"
