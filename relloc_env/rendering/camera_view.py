@@ -12,6 +12,8 @@ from relloc_env.rendering.scene import CameraGeometry, Scene
 from relloc_env.rendering.theme import Colour, Theme, mix
 from relloc_env.samples import Float
 
+_ON_PICTURE: Colour = (24, 24, 24)
+"""Of numbers on pictures, which are grey in any theme."""
 _NEAREST = 0.05
 _GRID_REACH = 12
 _ARC = np.linspace(-1.0, 1.0, 16)
@@ -62,8 +64,13 @@ def image_frame(box: Box, scene: Scene, robot: int) -> ImageFrame:
     return ImageFrame(box, camera, 2.0 ** (0.5 * math.ceil(2.0 * math.log2(min(max(excess, 1.0), 16.0)))))
 
 
-def draw_camera(canvas: Canvas, frame: ImageFrame, scene: Scene, robot: int, theme: Theme, ui: float) -> None:
-    """Draw one camera image with its frame: what the camera took, or else a sketch of what it would."""
+def draw_camera(
+    canvas: Canvas, frame: ImageFrame, scene: Scene, robot: int, theme: Theme, ui: float, letters: float
+) -> None:
+    """Draw one camera image with its frame: what the camera took, or else a sketch of what it would.
+
+    Measured points have the numbers of those they are taken for, as in the world.
+    """
     box, colour = frame.box, theme.robot(robot)
     left, top, width, height = box
     taken = scene.pictures[robot] if len(scene.pictures) else None
@@ -76,6 +83,8 @@ def draw_camera(canvas: Canvas, frame: ImageFrame, scene: Scene, robot: int, the
             _draw_predicted(canvas, frame, scene, robot, theme, ui)
         for place in np.flatnonzero(scene.seen[robot]).tolist():
             _draw_measured(canvas, frame, scene.image[robot, place], theme, ui)
+            shade = theme.muted if taken is None else _ON_PICTURE
+            _write_number(canvas, frame, scene.image[robot, place], place + 1, shade, ui, letters)
     edge = max(1.5, 2.0 * ui)
     canvas.rectangle((left - edge, top - edge, width + 2.0 * edge, height + 2.0 * edge), colour, edge)
 
@@ -210,6 +219,17 @@ def _draw_measured(canvas: Canvas, frame: ImageFrame, image: Float, theme: Theme
     for colour, wider in ((theme.floor, 1.0), (theme.ink, 0.0)):
         canvas.line((x - arm, y), (x + arm, y), colour, width + wider)
         canvas.line((x, y - arm), (x, y + arm), colour, width + wider)
+
+
+def _write_number(
+    canvas: Canvas, frame: ImageFrame, image: Float, number: int, shade: Colour, ui: float, letters: float
+) -> None:
+    """Write the number of a measured point beside its cross, inside the image."""
+    left, top, width, height = frame.box
+    x, y = frame.pixel(np.nan_to_num(image.astype(float)))
+    side = 1.0 if x < left + 0.85 * width else -1.0
+    y = min(max(y - 9.0 * ui, top + 0.6 * letters), top + height - 0.6 * letters)
+    canvas.text(str(number), (x + 9.0 * ui * side, y), 0.9 * letters, shade, anchor=(0.5 - 0.5 * side, 0.5))
 
 
 def _draw_predicted(canvas: Canvas, frame: ImageFrame, scene: Scene, robot: int, theme: Theme, ui: float) -> None:

@@ -91,7 +91,7 @@ class Renderer:
         draw_world(canvas, frame, scene, theme, ui, letters)
         for robot, box in enumerate(parts.images):
             self._caption(canvas, parts, scene, robot)
-            draw_camera(canvas, image_frame(box, scene, robot), scene, robot, theme, ui)
+            draw_camera(canvas, image_frame(box, scene, robot), scene, robot, theme, ui, letters)
         for box, strip in zip(parts.strips, scene.strips, strict=True):
             draw_strip(canvas, box, strip, scene, theme, ui, letters)
         if parts.strips:

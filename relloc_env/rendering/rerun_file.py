@@ -182,7 +182,9 @@ class RerunFile:
             self._canvases[size] = Canvas(size)
         canvas = self._canvases[size]
         canvas.fill(LIGHT.page)
-        draw_camera(canvas, ImageFrame((0.0, 0.0, float(size[0]), float(size[1])), camera), scene, robot, LIGHT, 0.8)
+        draw_camera(
+            canvas, ImageFrame((0.0, 0.0, float(size[0]), float(size[1])), camera), scene, robot, LIGHT, 0.8, 11.0
+        )
         return canvas.finish()
 
     def _beliefs(self, scene: Scene) -> None:
