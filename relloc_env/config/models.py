@@ -71,10 +71,13 @@ class EnvConfig(Model):
     camera: Annotated[tuple[CameraConfig, ...], BeforeValidator(_sequence)] = (CameraConfig.model_validate("pi"),)
     """one for all, or one per robot; the name of a preset stands for it."""
     network: NetworkConfig = NetworkConfig()
+    """how late messages between robots are, and how many are lost."""
     arena: tuple[Positive, Positive] | None = (10.0, 10.0)
     """[m] size of the walled floor, centred at the origin; None for an open one."""
     obstacles: tuple[Annotated[DiscConfig | BoxConfig, Field(discriminator="shape")], ...] = ()
+    """discs and boxes that stop robots and hide targets."""
     shield: ShieldConfig | None = ShieldConfig()
+    """what stops robots before they touch anything; None: nothing does."""
     marker: MarkerConfig = MarkerConfig()
     """what targets look like in pictures."""
     poses: tuple[Vector3, ...] | None = None
@@ -82,7 +85,9 @@ class EnvConfig(Model):
     points: tuple[Vector3, ...] | None = None
     """[m] fixed targets in the world, z above the floor; None to draw them."""
     start: StartConfig = StartConfig()
+    """where robots and targets are drawn."""
     guess: GuessConfig = GuessConfig()
+    """how far off the first guesses of depths and pose are that the robots are told."""
     sample_rate: Positive = RATE
     """[Hz] of the estimators."""
     samples_per_action: Annotated[int, Field(ge=1, le=1000)] = 5
@@ -90,9 +95,11 @@ class EnvConfig(Model):
     """what an action sets: speed and yaw rate, or also the gains of the robot's depth observers (estimators of the
     kind `cascade`)."""
     gains: GainsConfig = GainsConfig()
+    """ranges of the gains that an action sets."""
     max_cycles: Annotated[int, Field(ge=1)] = 120
     """actions until the episode is truncated."""
     terminate_on_collision: bool = False
+    """whether the episode ends once a robot touches anything."""
     terminate_on_success: bool = False
     """whether the episode ends once the bound is at `success`."""
     success: tuple[Positive, Positive] = (0.05, 1.5)

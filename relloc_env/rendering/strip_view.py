@@ -107,11 +107,13 @@ def _words(canvas: Canvas, box: Box, strip: Strip, theme: Theme, letters: float)
     left, top, width, _ = box
     robots = range(len(strip.lines))
     gap, names = 0.8 * letters, [f"{robot_name(robot)} " if len(strip.lines) > 1 else "" for robot in robots]
-    size = letters
+    size, newest = letters, strip.lines[:, -1] if len(strip.time) else np.full(len(strip.lines), math.nan)
+    above = newest > (math.inf if strip.band is None else strip.band[1])
+    values = [f"{value} !" if high else value for value, high in zip(strip.values, above.tolist(), strict=True)]
     while True:
         parts = [
             (canvas.width_of(name, size, bold=True), canvas.width_of(value, size, bold=True))
-            for name, value in zip(names, strip.values, strict=True)
+            for name, value in zip(names, values, strict=True)
         ]
         total = sum(map(sum, parts)) + gap * (len(parts) - 1)
         if size <= 8.0 or total + gap + canvas.width_of(strip.label, size) <= width:
@@ -120,10 +122,8 @@ def _words(canvas: Canvas, box: Box, strip: Strip, theme: Theme, letters: float)
     canvas.text(strip.label, (left, top), size, theme.muted)
     x = left + width - total
     for robot, (name, number) in zip(robots, parts, strict=True):
-        newest = strip.lines[robot, -1] if len(strip.time) else math.nan
-        above = strip.band is not None and newest > strip.band[1]
         canvas.text(names[robot], (x, top), size, theme.robot(robot), bold=True)
-        canvas.text(strip.values[robot], (x + name, top), size, theme.alarm if above else theme.ink, bold=True)
+        canvas.text(values[robot], (x + name, top), size, theme.alarm if above[robot] else theme.ink, bold=True)
         x += name + number + gap
 
 
