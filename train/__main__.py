@@ -38,6 +38,8 @@ def run(
         chosen = load(config, overrides or ())
         folder = out or Path(f"out/train/{chosen.name}-seed{chosen.seed}")
         policy = train(chosen, folder, command=_command())
+    except ModuleNotFoundError as error:  # of cameras that take pictures
+        _missing(error)
     except (DivergedError, ValueError, OSError) as error:
         _stop(str(error))
     except KeyboardInterrupt:
@@ -164,7 +166,8 @@ def _command() -> str:
 
 
 def _missing(error: ModuleNotFoundError) -> NoReturn:
-    _stop(f"The package `{error.name}` is missing: pip install -e '.[train]'")
+    name = (error.name or "").partition(".")[0]
+    _stop(f"The package `{name}` is missing: pip install -e '.[{'vision' if name == 'cv2' else 'train'}]'")
 
 
 def _stop(message: str) -> NoReturn:
