@@ -12,11 +12,9 @@ import relloc_env
 from agents.learned import PREFIX, files
 from agents.policy import Task
 from agents.registry import agent, needs, short
-from relloc_env.config import ConfigError, EnvConfig, load_config, merge, override
+from relloc_env.config import TASKS, ConfigError, EnvConfig, load_config, merge, override
 from relloc_env.scenarios import SEEDS, seeds, suite
 
-IDS = {"relloc_env/ActiveDepth-v0": 1, "relloc_env/RelativePose-v0": 2}
-"""Number of robots of each id."""
 ALIGN_EVERY = 20
 """[samples] between two alignments of `map-alignment` in the benchmark: one a second."""
 
@@ -27,9 +25,9 @@ def robots_of(env: str) -> int:
     Raises:
         ValueError: an id that is none.
     """
-    if env not in IDS:
-        raise ValueError(f"Argument `env` must be one of {', '.join(IDS)}, but is {env!r}")
-    return IDS[env]
+    if env not in TASKS:
+        raise ValueError(f"Argument `env` must be one of {', '.join(TASKS)}, but is {env!r}")
+    return TASKS[env]
 
 
 def shown_in(env: str, which: str, name: str, estimator: str, options: Sequence[str] = ()) -> EnvConfig:
@@ -162,7 +160,7 @@ class Job:
         """The configuration of each variant of the suite, and its seeds."""
         dealt = suite(self.suite).deal(seeds(self.seeds, self.episodes))
         over = {**_overriding(self.options), **needs(self.agent)}
-        return [(configure(merge(options, over), IDS[self.env], self.estimator), each) for options, each in dealt]
+        return [(configure(merge(options, over), TASKS[self.env], self.estimator), each) for options, each in dealt]
 
 
 def configure(options: dict[str, Any], robots: int, estimator: str) -> EnvConfig:

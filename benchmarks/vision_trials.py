@@ -28,6 +28,10 @@ CASES: Mapping[str, tuple[str, Mapping[str, Any]]] = {
     "plain": ("", {}),
     "a third of the light": ("", _image(exposure=0.33)),
     "a tenth of the light": ("", _image(exposure=0.1)),
+    "a tenth of the light, a green target": (
+        "",
+        {**_image(exposure=0.1), "marker": {"colours": [(40, 170, 60)]}},
+    ),
     "twice the light": ("", _image(exposure=2.0)),
     "warm light": ("", _image(white_balance=(1.15, 1.0, 0.75))),
     "cold light": ("", _image(white_balance=(0.8, 1.0, 1.2))),

@@ -115,17 +115,18 @@ def evaluate(
     try:
         from agents.__main__ import EVERY, names
         from agents.benchmark import benchmark
-        from agents.jobs import IDS, Asked
+        from agents.jobs import Asked
         from agents.learned import PREFIX, trained_with
         from agents.progress import bar
         from agents.registry import AGENTS
         from agents.report import report
+        from relloc_env.config import TASKS
     except ModuleNotFoundError as error:
         _missing(error)
     try:
         robots, estimator = trained_with(policies[0])
         asked = Asked(
-            env=env or {count: name for name, count in IDS.items()}[robots],
+            env=env or {count: name for name, count in TASKS.items()}[robots],
             suites=names(suite),
             agents=(*(PREFIX + each for each in policies), *(tuple(AGENTS) if agents == EVERY else names(agents))),
             estimators=names(estimators) if estimators else (estimator,),

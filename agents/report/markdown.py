@@ -7,12 +7,12 @@ from types import MappingProxyType
 import numpy as np
 from scipy import stats
 
-from agents.jobs import IDS
 from agents.report.cells import number
 from agents.report.columns import J_10, J_END, MADE, MOVED, TOLD, Column, shown
 from agents.report.summary import command
 from agents.results import Result, load, of
 from agents.statistics import mean_difference
+from relloc_env.config import TASKS
 
 REASONS = ("excitation", "information_end", "seen")
 """Scores of a motion that its errors are held against."""
@@ -60,9 +60,9 @@ def markdown(
         within = of(results, suite=name)
         for kind in kinds:
             if kind != "suites":
-                lines += [f"`{name}`, {CAPTIONS[kind]}:", "", *KINDS[kind](within, over, IDS[first.env]), ""]
+                lines += [f"`{name}`, {CAPTIONS[kind]}:", "", *KINDS[kind](within, over, TASKS[first.env]), ""]
     if "suites" in kinds:
-        lines += [f"{CAPTIONS['suites']}:", "", *suites(results, over, IDS[first.env]), ""]
+        lines += [f"{CAPTIONS['suites']}:", "", *suites(results, over, TASKS[first.env]), ""]
     return "\n".join(lines)
 
 

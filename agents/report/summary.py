@@ -9,11 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from agents.jobs import IDS, Asked
+from agents.jobs import Asked
 from agents.registry import group
 from agents.report.columns import EVERY, J_10, J_END, POSE_SIZE, Figure, figures, shown
 from agents.results import Failure, Result, of
 from agents.statistics import mean_difference
+from relloc_env.config import TASKS
 from relloc_env.metrics import nees_band
 from relloc_env.scenarios import suite
 
@@ -33,15 +34,17 @@ def summarise(asked: Asked, results: Sequence[Result], failed: Sequence[Failure]
     suites: dict[str, Any] = {}
     for name in asked.suites:
         within = of(results, suite=name)
-        parts = {e: _part(of(within, estimator=e), IDS[asked.env]) for e in asked.estimators if of(within, estimator=e)}
+        parts = {
+            e: _part(of(within, estimator=e), TASKS[asked.env]) for e in asked.estimators if of(within, estimator=e)
+        }
         if parts:
             suites[name] = {"about": suite(name).about, "moves_alike": _alike(within), "estimators": parts}
     ranking, over = _ranking(suites)
     return {
         "command": command(asked, out),
         **asdict(asked),
-        "robots": IDS[asked.env],
-        "columns": _columns(IDS[asked.env]),
+        "robots": TASKS[asked.env],
+        "columns": _columns(TASKS[asked.env]),
         "jobs": len(list(asked.jobs())),
         "done": len(results),
         "failed": [asdict(failure) for failure in failed],

@@ -4,7 +4,7 @@
 """
 
 from relloc_env.config.imaging import ImageConfig, MarkerConfig
-from relloc_env.config.loading import load_config, merge, override, put, read_file, validate
+from relloc_env.config.loading import TASKS, load_config, merge, override, put, read_file, validate
 from relloc_env.config.models import REWARD_TERMS, ConfigError, EnvConfig, hint
 from relloc_env.config.parts import (
     CAMERAS,
@@ -22,6 +22,7 @@ from relloc_env.config.parts import (
 __all__ = [
     "CAMERAS",
     "REWARD_TERMS",
+    "TASKS",
     "BoxConfig",
     "CameraConfig",
     "ConfigError",

@@ -58,9 +58,7 @@ def compile_kernels(core: "Core") -> None:
 def _may_have_help(core: "Core") -> bool:
     """Whether another process could compile for this one, and would run nothing but this package."""
     config = core.config
-    pictures = any(
-        config.camera_of(r).kind == "image" for r in range(config.robots)
-    )  # may name a detector of one's own
+    pictures = any(config.camera_of(r).kind == "image" for r in range(config.robots))  # perhaps with their own detector
     own = core.own_estimator or isinstance(config.estimator, OwnConfig) or pictures
     python = Path(sys.executable or "").name.startswith("python") and not getattr(sys, "frozen", False)
     return python and not own and not is_set(ALONE) and multiprocessing.parent_process() is None and cores() > 1

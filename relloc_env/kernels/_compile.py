@@ -43,6 +43,12 @@ def inlined(function: F) -> F:
     return _compile(function, forceinline=True)
 
 
+def plain(function: Any) -> Callable[..., Any]:
+    """The equation of a kernel as plain Python, for whole arrays: nothing is compiled for their types."""
+    found: Callable[..., Any] = getattr(function, "py_func", function)
+    return found
+
+
 _OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": False, "no_cfunc_wrapper": True}
 
 

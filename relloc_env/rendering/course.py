@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from relloc_env.kernels._compile import plain
 from relloc_env.kernels.information import excitation
 from relloc_env.rendering.scene import Strip
 from relloc_env.samples import Float, Samples
@@ -45,7 +46,7 @@ def least_excitation(samples: Samples, n: int, rows: slice) -> Float:
     """
     odometry, image, seen = (part[n, rows] for part in (samples.odometry, samples.image, samples.seen))
     speed, lateral = odometry[..., None, 0].astype(np.float64), odometry[..., None, 1].astype(np.float64)
-    square = excitation(image[..., 0].astype(np.float64), np.nan_to_num(image[..., 1]), speed, lateral)
+    square = plain(excitation)(image[..., 0].astype(np.float64), np.nan_to_num(image[..., 1]), speed, lateral)
     count = seen.sum(axis=0)
     mean = np.where(seen, square, 0.0).sum(axis=0) / np.maximum(count, 1)
     least = np.where(count > 0, mean, np.inf).min(axis=1)

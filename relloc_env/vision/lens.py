@@ -3,6 +3,7 @@
 import numpy as np
 
 from relloc_env.config import ConfigError
+from relloc_env.kernels._compile import plain
 from relloc_env.kernels.image_targets import distort
 from relloc_env.samples import Bool, Float
 
@@ -85,4 +86,4 @@ def _upright(x: Float, y: Float, lens: Float) -> Bool:
     return (a * c - b * b > 0.0) & (a + c > 0.0)
 
 
-_distort = distort.py_func  # type: ignore[attr-defined]  # the same equation, for arrays
+_distort = plain(distort)

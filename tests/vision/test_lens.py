@@ -1,5 +1,9 @@
 """Lenses against OpenCV's inverse, and against continuation from the middle of the picture."""
 
+import os
+import subprocess
+import sys
+
 import cv2
 import numpy as np
 import pytest
@@ -106,3 +110,12 @@ def test_outside_the_picture_there_may_be_nothing_to_see() -> None:
     assert np.isfinite(rays).all(axis=1).tolist() == [True, True, False, False, False]
     assert 0.7 < rays[0, 0] < rays[1, 0] < 1.0 / np.sqrt(0.75)
     assert np.isnan(from_pixels(at[2:], view.intrinsics, view.lens)).all()
+
+
+def test_works_where_nothing_is_compiled() -> None:
+    """NUMBA_DISABLE_JIT is how kernels are debugged."""
+    code = "import numpy as np; from relloc_env.vision.lens import to_pixels; \
+print(to_pixels(np.zeros((1, 2)), np.array([100.0, 100.0, 32.0, 24.0]), np.full(5, 0.1)).tolist())"
+    quiet = {**os.environ, "NUMBA_DISABLE_JIT": "1"}
+    told = subprocess.run([sys.executable, "-c", code], env=quiet, capture_output=True, text=True, check=False)
+    assert told.stdout.strip() == "[[32.0, 24.0]]", told.stderr
