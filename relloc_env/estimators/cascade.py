@@ -9,9 +9,11 @@ from relloc_env.estimators.checks import check_array, check_prior, check_samples
 from relloc_env.estimators.config import CascadeConfig
 from relloc_env.kernels import anchors, depth_state, pose_filter, relative_pose
 from relloc_env.kernels import cascade as kernels
-from relloc_env.kernels.lanes import W, blocks, flat, gather, scatter
+from relloc_env.kernels.lanes import W, align, aligned, block_count, fill, lanes_of, put_lanes, width_of
 from relloc_env.samples import Estimate, Float, Prior, Rows, Samples, Sharing, ordered_pairs
 
+_IN_LANES = ("guess", "depth_sd", "clock", "motion", "point", "anchor")
+"""Fields of `kernels.State` whose first axis is blocks."""
 _MODELS = {
     "position": relative_pose.POSITION,
     "velocity": relative_pose.VELOCITY,
@@ -35,26 +37,21 @@ class Cascade(Sharing):
     ) -> None:
         self.config = config
         self._pairs = ordered_pairs(robots)
-        n, pairs = num_envs, len(self._pairs)
-        length = message_window if message_window > 1 else 0
-        shape = kernels.shape(
-            robots, points, pairs, n, length,
-            use_unseen=config.use_unseen, from_odometry=config.process == "odometry",
-        )  # fmt: skip
-        self._sizes = np.array(shape, dtype=np.int64)
-        self._settings = _settings(config, robots)
+        n, r, m, p = num_envs, robots, points, len(self._pairs)
         self._gains = np.tile(_gains(config, robots)[:, None], (n, 1, points, 1))
-        self._sample = np.full(n, -2, dtype=np.int64)
-        self._table = blocks(n, shape.size)
-        self._received = np.zeros((n, pairs), dtype=np.uint64)
-        self._ring: pose_filter.Ring | None = None
-        if length:
-            self._ring = pose_filter.Ring(
-                motion=np.zeros((n, length, robots, anchors.MOTION)),
-                clock=np.zeros((n, length, anchors.CLOCK)),
-                point=np.zeros((n, length, robots, points, anchors.POINT)),
-                anchor=np.zeros((n, pairs, length + 1, anchors.ANCHOR)),
-            )
+        late = message_window > 1
+        self._ring = pose_filter.ring_of(n, r, m, p, message_window) if late else None
+        b = block_count(n)
+        self._state = kernels.State(
+            guess=aligned((b, r, m, W), np.float64),
+            depth_sd=aligned((b, W), np.float64),
+            clock=aligned(b, anchors.CLOCK),
+            motion=aligned((b, r), anchors.MOTION),
+            point=aligned((b, r, m), depth_state.POINT),
+            anchor=aligned((b, 0 if late else p), anchors.ANCHOR),
+            sample=np.full(n, -2, dtype=np.int64),
+            received=np.zeros((n, p), dtype=np.uint64),
+        )
         v_sd, w_sd = config.odometry_noise
         options = anchors.FilterOptions(
             model=_MODELS[config.pose_model],
@@ -67,31 +64,26 @@ class Cascade(Sharing):
             hold_v=config.unheard_sd[0] ** 2,
             hold_w=config.unheard_sd[1] ** 2,
         )
-        self._options = np.array(options, dtype=np.float64)
+        self._options = fill(np.zeros(1, anchors.OPTIONS), options._asdict())
+        self._settings = _settings(config, robots)
         self._estimate = Estimate(
-            points=np.zeros((n, robots, points, 3)),
-            points_covariance=np.zeros((n, robots, points, 3, 3)),
-            known=np.zeros((n, robots, points), dtype=np.bool_),
-            pose=np.zeros((n, pairs, 3)),
-            pose_covariance=np.zeros((n, pairs, 3, 3)),
+            points=np.zeros((n, r, m, 3)),
+            points_covariance=np.zeros((n, r, m, 3, 3)),
+            known=np.zeros((n, r, m), dtype=np.bool_),
+            pose=np.zeros((n, p, 3)),
+            pose_covariance=np.zeros((n, p, 3, 3)),
         )
         self._share()
 
     def _share(self) -> None:
-        """What kernels are given, flat."""
-        self._remembered: Any = (
-            self._sizes,
-            self._sample,
-            self._table,
-            self._received.reshape(-1),
-            self._ring,
+        """What kernels are given."""
+        self._state = kernels.State(*(align(array) for array in self._state))
+        width = width_of(len(self._state.sample))
+        self._setup = kernels.Setup(
+            self._pairs, self._options, self._settings, self._gains, self.config.use_unseen, width
         )
-        self._shown: Any = flat(self._estimate)
-        self._updated: Any = (
-            self._pairs, self._options, self._settings, self._gains.reshape(-1), *self._remembered, *self._shown,
-        )  # fmt: skip
         self._checked: Samples | None = None
-        self._flat: Any = ()
+        self._handle: Any = None
 
     @property
     def gains(self) -> Float:
@@ -106,8 +98,8 @@ class Cascade(Sharing):
     def reset(self, prior: Prior, rows: Rows) -> None:
         """Forget everything about the environments `rows`, gains apart, and start from `prior`."""
         check_prior(prior, *self._estimate.known.shape)
-        told = (prior.depth, prior.pose, float(prior.depth_sd), prior.pose_sd)
-        status = kernels.reset(*(*told, *self._remembered, rows))
+        told = (prior.depth, prior.pose, prior.pose_sd)
+        status = kernels.reset(told, float(prior.depth_sd), self._state, self._ring, rows)
         if status:
             self._raise(status)
         self._show(rows)
@@ -116,66 +108,75 @@ class Cascade(Sharing):
         """Take the K samples in, in order."""
         if samples is not self._checked:
             check_samples(samples, *self._estimate.known.shape)
-            self._checked, self._flat = samples, (*flat(samples), samples.period.shape[1])
-        status = kernels.update(*(*self._flat, *self._updated, rows))
+            self._checked = samples
+            self._handle = kernels.hold(self._state, self._setup, self._estimate, samples)
+        status = kernels.update(self._handle, self._ring, rows)
         if status:
             self._raise(status)
 
     def get_state(self, rows: Rows) -> dict[str, NDArray[Any]]:
         """Copies of all that the estimator remembers of `rows`; every array has the rows as its first axis."""
         state: dict[str, NDArray[Any]] = {name: array[rows] for name, array in self._arrays().items()}
-        return state | {"numbers": gather(self._table, rows)}
+        return state | {name: lanes_of(records, rows) for name, records in self._blocks().items()}
 
     def set_state(self, state: dict[str, NDArray[Any]], rows: Rows) -> None:
         """Put back what `get_state` gave for as many rows, bit for bit."""
-        arrays = self._arrays()
-        if state.keys() != arrays.keys() | {"numbers"}:
-            known = sorted([*arrays, "numbers"])
+        arrays, blocks = self._arrays(), self._blocks()
+        if state.keys() != arrays.keys() | blocks.keys():
+            known = sorted([*arrays, *blocks])
             raise ValueError(f"Argument `state` must have the keys {known}, but has {sorted(state)}.")
         for name, array in arrays.items():
             check_array(f"state[{name!r}]", state[name], array.dtype, (len(rows), *array.shape[1:]))
-        numbers = state["numbers"]
-        check_array("state['numbers']", numbers, self._table.dtype, (len(rows), self._table.shape[1] // W))
+        for name, records in blocks.items():
+            numbers = lanes_of(records, rows[:0]).shape[1]
+            check_array(f"state[{name!r}]", state[name], np.dtype(np.float64), (len(rows), numbers))
         for name, array in arrays.items():
             array[rows] = state[name]
-        scatter(self._table, rows, numbers)
+        for name, records in blocks.items():
+            put_lanes(records, rows, state[name])
         self._show(rows)
 
     def _arrays(self) -> dict[str, NDArray[Any]]:
-        """What is remembered beside the blocks."""
-        arrays: dict[str, NDArray[Any]] = {"sample": self._sample, "gains": self._gains, "received": self._received}
-        return arrays if self._ring is None else arrays | self._ring._asdict()
+        """What is remembered in rows."""
+        state = self._state
+        arrays: dict[str, NDArray[Any]] = {"sample": state.sample, "gains": self._gains, "received": state.received}
+        ring = {} if self._ring is None else self._ring._asdict()
+        return arrays | {f"ring_{name}": array for name, array in ring.items()}
+
+    def _blocks(self) -> dict[str, NDArray[Any]]:
+        """What is remembered in lanes."""
+        return {name: getattr(self._state, name) for name in _IN_LANES}
 
     def _show(self, rows: Rows) -> None:
-        kernels.show(*(self._pairs, self._options, *self._remembered, *self._shown, rows))
+        kernels.show(self._state, self._setup, self._ring, self._estimate, rows)
 
     def _raise(self, status: int) -> None:
         if status == kernels.ROW_OUT_OF_RANGE:
-            raise IndexError(f"Argument `rows` must lie in [0, {len(self._sample)}), but does not.")
+            raise IndexError(f"Argument `rows` must lie in [0, {len(self._state.sample)}), but does not.")
         if status == kernels.NOT_RESET:
             raise RuntimeError("The estimator must be reset before it is updated: some of `rows` never were.")
         if status == kernels.MESSAGE_TOO_OLD:
-            window = max(1, self._sizes[4])
+            window = 1 if self._ring is None else self._ring.clock.shape[1]
             raise ValueError(
                 f"Argument `samples.arrived` must have ages below the message window, {window} samples, but has older."
             )
 
 
-def _settings(config: CascadeConfig, robots: int) -> Float:
-    """Return the (R, 9) settings of the depth observers."""
+def _settings(config: CascadeConfig, robots: int) -> NDArray[Any]:
+    """Return (R,) `depth_state.SETTINGS`."""
     v_sd, w_sd = config.odometry_noise
-    settings = depth_state.Settings(
-        critical=float(config.damping == "critical"),
-        floor=config.h_floor,
-        z_min=config.z_min,
-        z_max=config.z_max,
-        max_gap=config.max_gap,
-        image_sd=config.image_noise,
-        v_sd=v_sd,
-        lateral_sd=0.0,
-        w_sd=w_sd,
-    )
-    return np.array([settings] * robots, dtype=np.float64)
+    settings = {
+        "critical": config.damping == "critical",
+        "floor": config.h_floor,
+        "z_min": config.z_min,
+        "z_max": config.z_max,
+        "max_gap": config.max_gap,
+        "image_sd": config.image_noise,
+        "v_sd": v_sd,
+        "lateral_sd": 0.0,
+        "w_sd": w_sd,
+    }
+    return fill(np.zeros(robots, depth_state.SETTINGS), settings)
 
 
 def _gains(config: CascadeConfig, robots: int) -> Float:

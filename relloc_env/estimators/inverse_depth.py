@@ -7,10 +7,10 @@ from numpy.typing import NDArray
 
 from relloc_env.estimators.checks import check_prior, check_rows, check_samples, put_state
 from relloc_env.estimators.config import LEAST_IMAGE_NOISE, InverseDepthConfig
-from relloc_env.kernels import anchors, relative_pose
-from relloc_env.kernels.inverse_depth import Filters, show, take_samples
-from relloc_env.kernels.pose_filter import Ring
-from relloc_env.samples import Estimate, Float, Prior, Rows, Samples, ordered_pairs
+from relloc_env.kernels import anchors, pose_filter, relative_pose
+from relloc_env.kernels.inverse_depth import Filters, Setup, show, take_samples
+from relloc_env.kernels.lanes import fill, named, numbers_of
+from relloc_env.samples import Estimate, Prior, Rows, Samples, ordered_pairs
 
 
 class InverseDepth:
@@ -39,17 +39,12 @@ class InverseDepth:
             known=np.zeros((n, r, m), dtype=np.bool_),
             depth=np.zeros((n, r, m)),
             depth_sd=np.zeros(n),
-            motion=np.zeros((n, r, anchors.MOTION)),
-            clock=np.zeros((n, anchors.CLOCK)),
+            motion=np.zeros((n, r, numbers_of(anchors.MOTION))),
+            clock=np.zeros((n, numbers_of(anchors.CLOCK))),
             sample=np.full(n, -1, dtype=np.int64),
             received=np.zeros((n, p), dtype=np.uint64),
         )
-        self._ring = Ring(
-            motion=np.zeros((n, length, r, anchors.MOTION)),
-            clock=np.zeros((n, length, anchors.CLOCK)),
-            point=np.zeros((n, length, r, m, anchors.POINT)),
-            anchor=np.zeros((n, p, length + 1, anchors.ANCHOR)),
-        )
+        self._ring = pose_filter.ring_of(n, r, m, p, length)
         (v_sd, w_sd), (hold_v, hold_w) = config.odometry_noise, config.unheard_sd
         options = anchors.FilterOptions(
             model=relative_pose.POSITION,
@@ -62,8 +57,9 @@ class InverseDepth:
             hold_v=hold_v**2,
             hold_w=hold_w**2,
         )
-        self._options = np.array(options, dtype=np.float64)
-        self._image_variance = max(config.image_noise, LEAST_IMAGE_NOISE) ** 2
+        variance = max(config.image_noise, LEAST_IMAGE_NOISE) ** 2
+        records = fill(np.zeros(1, anchors.OPTIONS), options._asdict())
+        self._setup = Setup(self._pairs, records, variance, config.use_unseen)
         filters = self._filters
         self._estimate = Estimate(
             points=filters.state,
@@ -88,8 +84,8 @@ class InverseDepth:
         filters.depth[rows] = prior.depth[rows]
         filters.depth_sd[rows] = prior.depth_sd
         filters.sample[rows] = -1
-        filters.motion[rows, :, 3] = 1.0
-        self._ring.anchor[rows, :, -1] = _anchors(prior.pose[rows], prior.pose_sd)
+        named(filters.motion, anchors.MOTION)["at"]["cos"][rows] = 1.0
+        pose_filter.start_rings(self._ring, prior.pose, prior.pose_sd, rows)
         self._show(rows)
 
     def update(self, samples: Samples, rows: Rows) -> None:
@@ -98,10 +94,7 @@ class InverseDepth:
         check_rows(rows, self._shape[0])
         if not self._filters.depth_sd[rows].all():
             raise RuntimeError("The estimator must be reset before it is updated: some of `rows` never were.")
-        in_time = take_samples(
-            *samples, self._pairs, self._options, self._image_variance, self.config.use_unseen, self._filters,
-            self._ring, self._estimate.pose, self._estimate.pose_covariance, rows,
-        )  # fmt: skip
+        in_time = take_samples(samples, self._setup, self._filters, self._ring, self._estimate, rows)
         if not in_time:
             raise ValueError(
                 "Argument `samples.arrived` must have ages below the message window, "
@@ -123,15 +116,4 @@ class InverseDepth:
         return {**filters, **{f"ring_{name}": array for name, array in ring.items()}}
 
     def _show(self, rows: Rows) -> None:
-        estimate = self._estimate
-        show(self._pairs, self._options, self._filters, self._ring, estimate.pose, estimate.pose_covariance, rows)
-
-
-def _anchors(pose: Float, sd: Float) -> Float:
-    """Return (..., 38) anchors at the start from guesses of the pose (..., 3) with standard deviations (3,)."""
-    anchor = np.zeros((*pose.shape[:-1], anchors.ANCHOR))
-    anchor[..., :3] = pose
-    anchor[..., [3, 6, 8]] = np.square(sd)
-    anchor[..., [14, 19]] = 1.0  # cosines of both dead reckonings
-    anchor[..., 24], anchor[..., 25] = np.cos(pose[..., 2]), np.sin(pose[..., 2])
-    return anchor
+        show(self._setup, self._filters, self._ring, self._estimate, rows)

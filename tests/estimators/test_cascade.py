@@ -8,9 +8,7 @@ from numpy.typing import NDArray
 
 from relloc_env.estimators import CascadeConfig, make
 from relloc_env.estimators.cascade import Cascade
-from relloc_env.kernels import camera, depth_state, motion
-from relloc_env.kernels import cascade as kernels
-from relloc_env.kernels.lanes import W
+from relloc_env.kernels import camera, motion
 from relloc_env.samples import Prior, Samples
 from tests.estimators.driving import NOW, POINTS, late, prior, run, simulate, take
 from tests.kernels.observers import POINT
@@ -89,9 +87,8 @@ def test_state_goes_on_bit_for_bit_in_any_row(window):
 def test_points_are_those_of_the_depth_observers_in_polar_form():
     samples, _ = simulate(50, envs=2)
     estimator = run(samples)
-    first, size = kernels.Shape(*estimator._sizes).depth // W, depth_state.SIZE
-    numbers = estimator.get_state(np.arange(2))["numbers"][:, first : first + 2 * len(POINTS) * size]
-    q = np.moveaxis(numbers.reshape(2, 2, len(POINTS), size)[..., POINT], -1, 0)
+    numbers = estimator.get_state(np.arange(2))["point"].reshape(2, 2, len(POINTS), -1)
+    q = np.moveaxis(numbers[..., POINT], -1, 0)
     distance = np.hypot(q[0], q[1])
     expected = np.stack([np.arctan2(q[1], q[0]), q[2] / distance, 1.0 / distance], axis=-1)
     np.testing.assert_allclose(estimator.estimate.points, expected, rtol=1e-12)
@@ -227,7 +224,7 @@ def test_a_state_of_another_estimator_is_refused():
     estimator = run(samples)
     state = estimator.get_state(np.array([0]))
     with pytest.raises(ValueError, match="must have the keys"):
-        estimator.set_state({"numbers": state["numbers"]}, np.array([0]))
+        estimator.set_state({"point": state["point"]}, np.array([0]))
     with pytest.raises(ValueError, match="must have the keys"):
         make("cascade", 1, 2, len(POINTS), message_window=2).set_state(state, np.array([0]))
     with pytest.raises(ValueError, match=r"state\['gains'\].* shape \(1, 2, 4, 2\), but is .*\(1, 2, 3, 2\)"):

@@ -8,10 +8,10 @@ import pytest
 
 from relloc_env.estimators import CascadeConfig, make
 from relloc_env.estimators.cascade import Cascade
-from relloc_env.kernels import depth_state, motion, relative_pose
+from relloc_env.kernels import motion, relative_pose
 from relloc_env.samples import Float, Samples
 from tests.estimators.driving import POINTS, prior, run, simulate
-from tests.kernels.observers import COVARIANCE, POINT, Observers
+from tests.kernels.observers import COVARIANCE, POINT, Observers, Settings
 
 arc: Any = motion.arc
 rp: Any = relative_pose
@@ -29,8 +29,8 @@ def reference(samples: Samples, config: CascadeConfig) -> tuple[Float, Float]:
     settings, gains, first = estimator._settings, estimator.gains[0], prior(1)
     observers = [
         Observers(
-            len(POINTS), depth_state.Settings(*settings[i]), h=gains[i, :, 0], alpha_lambda=gains[i, :, 1],
-            depth=first.depth[0, i], depth_sd=first.depth_sd,
+            len(POINTS), Settings(*settings[list(Settings._fields)][i].item()), h=gains[i, :, 0],
+            alpha_lambda=gains[i, :, 1], depth=first.depth[0, i], depth_sd=first.depth_sd,
         )
         for i in range(2)
     ]  # fmt: skip

@@ -3,7 +3,7 @@
 And what a step of one should be, by dense tools.
 """
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numba
 import numpy as np
@@ -12,35 +12,46 @@ from scipy.integrate import simpson
 from scipy.interpolate import CubicHermiteSpline
 from scipy.linalg import expm
 
-from relloc_env.kernels import camera, depth_state
-from relloc_env.kernels.elementary import sin_cos
-from relloc_env.kernels.lanes import W, blocks
-from relloc_env.kernels.motion import arc
+from relloc_env.kernels import anchors, camera, depth_state
+from relloc_env.kernels.lanes import W, aligned, block_count, fill, lanes_of, of_one, put_lanes
 
 Float = NDArray[np.float64]
-SETTINGS = depth_state.Settings(
-    critical=0.0, floor=0.5, z_min=0.1, z_max=100.0, max_gap=0.3,
-    image_sd=0.002, v_sd=0.005, lateral_sd=0.0, w_sd=0.005,
-)  # fmt: skip
 
-# Columns of what is remembered.
-POINT = [place // W for place in (depth_state.Q_X, depth_state.Q_Y, depth_state.HEIGHT)]
-ESTIMATE = [place // W for place in (depth_state.X_HAT, depth_state.Y_HAT, depth_state.CHI_HAT)]
-KNOWN, TIME = depth_state.KNOWN // W, depth_state.TIME // W
-COVARIANCE = slice(depth_state.COVARIANCE // W, depth_state.COVARIANCE // W + 6)
-BASE_COVARIANCE = slice(depth_state.BASE_COVARIANCE // W, depth_state.BASE_COVARIANCE // W + 6)
+
+class Settings(NamedTuple):
+    """`depth_state.SETTINGS` of one robot."""
+
+    floor: float = 0.5
+    z_min: float = 0.1
+    z_max: float = 100.0
+    max_gap: float = 0.3
+    image_sd: float = 0.002
+    v_sd: float = 0.005
+    lateral_sd: float = 0.0
+    w_sd: float = 0.005
+    critical: bool = False
+
+
+SETTINGS = Settings()
+
+
+def columns(name: str) -> slice:
+    """Where a field of `depth_state.POINT` is among the numbers of a point."""
+    kind, offset = (of_one(depth_state.POINT).fields or {})[name][:2]
+    return slice(offset // 8, (offset + kind.itemsize) // 8)
+
+
+POINT = [columns(name).start for name in ("q_x", "q_y", "height")]
+ESTIMATE = [columns(name).start for name in ("x_hat", "y_hat", "chi_hat")]
+KNOWN, TIME = columns("known").start, columns("time").start
+COVARIANCE, BASE_COVARIANCE = columns("covariance"), columns("base_covariance")
 
 
 @numba.njit
-def _observe(workspaces, settings, r, width):
-    for b in range(workspaces.shape[0]):
-        t = workspaces[b]
-        for i in range(width):
-            v, lateral, w = t[i + depth_state.V], t[i + depth_state.LATERAL], t[i + depth_state.YAW_RATE]
-            c_x, c_y, delta = arc(v, lateral, w, t[i + depth_state.DT])
-            t[i + depth_state.CHORD_X], t[i + depth_state.CHORD_Y], t[i + depth_state.DELTA] = c_x, c_y, delta
-            t[i + depth_state.SIN], t[i + depth_state.COS] = sin_cos(delta)
-        depth_state.observe(t, settings, r, width)
+def _observe(points, works, motions, settings, r, width):
+    for b in range(points.shape[0]):
+        anchors.reckon(motions[b], works[b].interval, 0.0, 0.0, width)
+        depth_state.observe(points[b], works[b], settings[r], width)
 
 
 class Observers:
@@ -49,40 +60,52 @@ class Observers:
     def __init__(
         self,
         count: int,
-        *settings: depth_state.Settings,
+        *settings: Settings,
         h: Any = 2.5,
         alpha_lambda: Any = 120.0,
         depth: Any = 5.0,
         depth_sd: float = 0.1,
     ) -> None:
-        self.settings = np.array(settings or (SETTINGS,))
-        self.count = count
-        self.workspaces = blocks(count, depth_state.WORKSPACE)
-        self.put(depth_state.GAIN_H, h)
-        self.put(depth_state.GAIN_ALPHA, alpha_lambda)
-        self.put(depth_state.GUESS, depth)
-        self.put(depth_state.DEPTH_SD, depth_sd)
+        chosen = settings or (SETTINGS,)
+        self.settings = np.zeros(len(chosen), depth_state.SETTINGS)
+        for row, each in zip(self.settings, chosen, strict=True):
+            fill(row, each._asdict())
+        self.count, self._rows, blocks = count, np.arange(count), block_count(count)
+        self.points, self.works = aligned(blocks, depth_state.POINT), aligned(blocks, depth_state.WORK)
+        self._motions = aligned(blocks, anchors.MOTION)
+        measured = {"gain_h": h, "gain_alpha": alpha_lambda, "guess": depth, "depth_sd": depth_sd}
+        for name, values in measured.items():
+            self._put(self.works["measured"][name], values)
 
     @property
     def numbers(self) -> Float:
-        """A copy of what is remembered: (count, SIZE)."""
-        return self._lanes()[: self.count, : depth_state.SIZE].copy()
+        """A copy of what is remembered: (count, numbers of a point)."""
+        return lanes_of(self.points, self._rows)
 
-    def put(self, place: int, values: Any) -> None:
-        """Write a number of each point."""
-        of_blocks = self.workspaces.reshape(len(self.workspaces), -1, W)[:, place // W]
-        padded = np.zeros(of_blocks.size)
+    def put(self, name: str, values: Any) -> None:
+        """Write a field of each point; `values` are (count,), or (count, 6) for a covariance."""
+        field = self.points[name]
+        if field.ndim == 2:
+            self._put(field, values)
+        else:
+            for k in range(field.shape[1]):
+                self._put(field[:, k], np.asarray(values)[..., k])
+
+    def _put(self, lanes: Any, values: Any) -> None:
+        """Write a number (B, W) of each point."""
+        padded = np.zeros(lanes.size)
         padded[: self.count] = values
-        of_blocks[:] = padded.reshape(-1, W)
+        lanes[:] = padded.reshape(-1, W)
 
-    def get(self, place: int) -> Float:
-        """Read a number of each point."""
-        return self._lanes()[: self.count, place // W]
+    @property
+    def routes(self) -> Float:
+        """(count,) which route each point took in the last sample."""
+        found: Float = self.works["step"]["route"].reshape(-1)[: self.count]
+        return found
 
     def restore(self, numbers: Float) -> None:
         """Put back what `numbers` gave."""
-        for column, values in enumerate(numbers.T):
-            self.put(column * W, values)
+        put_lanes(self.points, self._rows, numbers)
 
     def sample(self, velocity: Any, dt: Any, image: Any, seen: Any = True, robot: int = 0) -> Float:
         """Take one sample and return the points now, (count, 3), in the body frame.
@@ -95,31 +118,27 @@ class Observers:
             robot: which of the settings to use.
         """
         velocity, image = np.asarray(velocity), np.asarray(image)
-        for k, place in enumerate((depth_state.V, depth_state.LATERAL, depth_state.YAW_RATE)):
-            self.put(place, velocity[..., k])
-        for k, place in enumerate((depth_state.SEEN_X, depth_state.SEEN_Y)):
-            self.put(place, image[..., k])
-        self.put(depth_state.DT, dt)
-        self.put(depth_state.SEEN, seen)
-        _observe(self.workspaces, self.settings, robot, W)
+        interval, measured = self.works["interval"], self.works["measured"]
+        for k, name in enumerate(("v", "lateral", "yaw_rate")):
+            self._put(interval[name], velocity[..., k])
+        for k, name in enumerate("xy"):
+            self._put(measured[name], image[..., k])
+        self._put(interval["dt"], dt)
+        self._put(measured["seen"], seen)
+        _observe(self.points, self.works, self._motions, self.settings, robot, W)
         return self.numbers[:, POINT]
 
     def image_now(self, z_min: float) -> Float:
         """(count, 3) the estimates in the image now."""
-        return np.array([depth_state.image_now(*place, z_min) for place in self._places()])
+        return np.array([depth_state.image_now(point, i, z_min) for point, i in self._each()])
 
     def image_covariance_now(self, z_min: float) -> Float:
         """(count, 6) their covariances."""
-        return np.array([depth_state.image_covariance_now(*place, z_min) for place in self._places()])
+        return np.array([depth_state.image_covariance_now(point, i, z_min) for point, i in self._each()])
 
-    def _places(self) -> list[tuple[Float, int]]:
-        """Workspace and lane of each point."""
-        return [(self.workspaces[n // W], n % W) for n in range(self.count)]
-
-    def _lanes(self) -> Float:
-        """(lanes, WORKSPACE) copy of all workspaces."""
-        table = self.workspaces.reshape(len(self.workspaces), -1, W)
-        return np.moveaxis(table, 1, 2).reshape(-1, depth_state.WORKSPACE)
+    def _each(self) -> list[tuple[Any, int]]:
+        """Record and lane of each point."""
+        return [(self.points[n // W], n % W) for n in range(self.count)]
 
 
 def observer_step(

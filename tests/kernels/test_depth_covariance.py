@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from relloc_env.kernels import depth_covariance, depth_state, motion
-from relloc_env.kernels.lanes import W
+from relloc_env.kernels import depth_covariance, motion
 from tests.kernels.observers import BASE_COVARIANCE, COVARIANCE, ESTIMATE, POINT, SETTINGS, Observers
 
 Float = NDArray[np.float64]
@@ -22,7 +21,7 @@ def matrix(p: Any) -> Any:
 def test_covariances_stay_positive_over_random_samples() -> None:
     """240 points, 400 samples (96,000 point samples), 40 % of them unseen; two kinds of gains."""
     rng = np.random.default_rng(5)
-    for settings, alpha_lambda in ((SETTINGS, 120.0), (SETTINGS._replace(critical=1.0), 1e4)):
+    for settings, alpha_lambda in ((SETTINGS, 120.0), (SETTINGS._replace(critical=True), 1e4)):
         observers = Observers(120, settings, alpha_lambda=alpha_lambda, depth=rng.uniform(0.3, 8, 120))
         for _ in range(400):
             images, seen = rng.uniform(-0.6, 0.6, (120, 2)), rng.random(120) < 0.6
@@ -49,15 +48,13 @@ def test_covariance_is_carried_by_the_derivative_of_the_step() -> None:
         s_hat, half = s + rng.uniform(-0.005, 0.005, 2), rng.normal(size=(3, 3)) * [[0.01], [0.01], [0.05]]
         cases.append((s, after, np.array([*s_hat, chi]), velocity, time, *gains, half @ half.T))
     s0, s1, start, u, dt, h, alpha_lambda, p = (np.array(column) for column in zip(*cases, strict=True))
-    places = (depth_state.X_HAT, depth_state.Y_HAT, depth_state.CHI_HAT)
 
     def step(x: Float) -> Observers:
         observers = Observers(100, QUIET, h=h, alpha_lambda=alpha_lambda)
         observers.sample([0, 0, 0], 0.0, s0)
-        for k in range(3):
-            observers.put(places[k], x[:, k])
-        for k, (i, j) in enumerate(zip(*np.triu_indices(3), strict=True)):
-            observers.put(depth_state.BASE_COVARIANCE + k * W, p[:, i, j])
+        for k, name in enumerate(("x_hat", "y_hat", "chi_hat")):
+            observers.put(name, x[:, k])
+        observers.put("base_covariance", p[:, *np.triu_indices(3)])
         observers.sample(u, dt, s1)
         return observers
 
@@ -99,7 +96,7 @@ NOISY = {
     # point, velocity, settings, samples per frame, gap
     "straight": ((5.0, 1.5, 0.5), (0.1, 0.0, 0.0), SETTINGS, 1, (0.0, 0.0)),
     "turning, fast gains": ((4.0, 2.5, 1.0), (0.25, 0.0, 0.03), SETTINGS, 1, (0.0, 0.0)),
-    "critical": ((4.0, 2.5, 1.0), (0.25, 0.0, 0.03), SETTINGS._replace(critical=1.0), 1, (0.0, 0.0)),
+    "critical": ((4.0, 2.5, 1.0), (0.25, 0.0, 0.03), SETTINGS._replace(critical=True), 1, (0.0, 0.0)),
     "lateral": ((5.0, 1.5, 0.5), (0.05, 0.1, 0.03), SETTINGS._replace(lateral_sd=0.01), 1, (0.0, 0.0)),
     "slow camera": ((5.0, 1.5, 0.5), (0.1, 0.0, 0.03), SETTINGS, 4, (0.0, 0.0)),
     "gap at the end": ((5.0, 1.5, 0.5), (0.1, 0.0, 0.1), SETTINGS, 1, (2.52, 6.0)),

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
-from relloc_env.kernels import camera, depth_state
+from relloc_env.kernels import camera
 from relloc_env.kernels import depth_observer as kernels
 from tests.kernels.observers import ESTIMATE, SETTINGS, Observers, observer_step
 
@@ -203,8 +203,8 @@ def test_a_step_is_that_of_dense_tools_at_any_gain_and_speed() -> None:
     start = np.column_stack([before + rng.uniform(-0.05, 0.05, (cases, 2)), chi])
     observers = Observers(cases, UNBOUNDED, h=h, alpha_lambda=alpha_lambda, depth=1 / chi)
     observers.sample(np.zeros(3), 0.0, before)
-    observers.put(depth_state.X_HAT, start[:, 0])
-    observers.put(depth_state.Y_HAT, start[:, 1])
+    observers.put("x_hat", start[:, 0])
+    observers.put("y_hat", start[:, 1])
     observers.sample(u, dt, after)
     expected = [observer_step(*case) for case in zip(before, after, start, u, dt, h, alpha_lambda, strict=True)]
     inside = np.array([1e-2 < step[2] < 1e2 for step in expected])  # else the bounds of chi matter

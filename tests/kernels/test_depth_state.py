@@ -8,8 +8,18 @@ import pytest
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from relloc_env.kernels import camera, depth_state
-from tests.kernels.observers import COVARIANCE, ESTIMATE, KNOWN, POINT, SETTINGS, TIME, Observers, observer_step
+from relloc_env.kernels import camera
+from tests.kernels.observers import (
+    COVARIANCE,
+    ESTIMATE,
+    KNOWN,
+    POINT,
+    SETTINGS,
+    TIME,
+    Observers,
+    Settings,
+    observer_step,
+)
 
 Float = NDArray[np.float64]
 
@@ -39,7 +49,7 @@ def poses_along(velocities: Float, dt: float) -> Float:
 class Follower(Observers):
     """One point."""
 
-    def __init__(self, settings: depth_state.Settings = SETTINGS, depth: float = 5.0) -> None:
+    def __init__(self, settings: Settings = SETTINGS, depth: float = 5.0) -> None:
         super().__init__(1, settings, depth=depth)
 
     def sample(self, velocity: Any, dt: Any, image: Any, seen: Any = True, robot: int = 0) -> Float:
@@ -241,7 +251,7 @@ def random_samples(count: int, samples: int) -> list[tuple[Any, ...]]:
 def test_copied_numbers_go_on_alike() -> None:
     """What is remembered is all that there is: put back where something else was, it goes on with the same bits."""
     samples = random_samples(13, 40)
-    settings = SETTINGS._replace(critical=1.0)
+    settings = SETTINGS._replace(critical=True)
     first, second = Observers(13, settings), Observers(13, settings)
     for k in range(20):
         first.sample(*samples[k])
@@ -256,7 +266,7 @@ def test_copied_numbers_go_on_alike() -> None:
 
 
 def test_each_robot_has_settings_of_its_own() -> None:
-    samples, critical = random_samples(8, 20), SETTINGS._replace(critical=1.0)
+    samples, critical = random_samples(8, 20), SETTINGS._replace(critical=True)
     pair, usual, other = Observers(8, SETTINGS, critical), Observers(8, SETTINGS), Observers(8, critical)
     for velocity, dt, images, seen in samples:
         q = pair.sample(velocity, dt, images, seen, robot=1)
