@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from relloc_env.config import BoxConfig, DiscConfig, EnvConfig
+from relloc_env.kernels.driving import FAST
 from relloc_env.kernels.lanes import width_of
 from relloc_env.kernels.placement import FIXED, GAUSSIAN, POSITIVE
 from relloc_env.kernels.world import BOX, DISC
@@ -21,6 +22,7 @@ PARAMETERS = np.dtype(
     + [(name, np.int64) for name in (
         "samples_per_action", "shield", "message_every", "start_in_view", "guess_kind", "perfect_network",
         "actuator_noise", "image_noise", "misses", "odometry_noise", "width", "targets", "window", "reward_start",
+        "fast",
     )],
     align=True,
 )  # fmt: skip
@@ -79,6 +81,7 @@ def pack_parameters(config: EnvConfig, num_envs: int = 1) -> NDArray[np.void]:
         "image_noise": any(camera.pixel_noise > 0.0 for camera in cameras),
         "misses": any(camera.miss_probability > 0.0 for camera in cameras),
         "odometry_noise": any(max(robot.odometry_noise) > 0.0 for robot in robots),
+        "fast": any(robot.max_speed * config.sample_period > FAST * robot.radius for robot in robots),
     }
     if shield is not None:
         values |= {"shield_target": shield.target, "shield_robot": shield.robot, "shield_wall": shield.wall}

@@ -15,27 +15,28 @@ last, so that they are made from a compiled loop, which knows Chipmunk's functio
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import llvmlite.binding as llvm
 import numpy as np
 import pymunk
 from numba import types
+from numpy.typing import NDArray
 from pymunk._chipmunk_cffi import ffi, lib
 
 from relloc_env.kernels._compile import kernel
 from relloc_env.kernels.motion import wrap_angle
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from relloc_env.config import EnvConfig
     from relloc_env.kernels.world import World
 
 WALL = 1.0
-"""[m] thickness of the walls: more than a robot moves in a sample."""
+"""[m] thickness of the walls: more than a robot moves in a step of the space."""
 SUBSTEPS = 8
-"""Steps of the space in a sample. Chipmunk moves first and solves after: a robot enters a wall by a step at most."""
+"""Least steps of the space in a sample. Chipmunk moves first and solves after: a robot enters a wall by a step."""
+STRIDE = 0.25
+"""[-] longest way in such a step, in radii of the smallest robot: nothing is passed through, however thin."""
 FRICTION = 0.3
 FAR = 1e9
 """[m] where the robots wait between environments."""
@@ -57,54 +58,71 @@ _step = _function("cpSpaceStep", types.void(types.intp, types.float64))
 _each_body = _function("cpSpaceEachBody", types.void(types.intp, types.intp, types.intp))
 
 
+class Chipmunk(NamedTuple):
+    """A space, as a kernel uses it."""
+
+    space: int
+    """Address of it."""
+    put: int
+    """Address of what writes bodies, `take` of what reads them, `batch` of their argument."""
+    take: int
+    batch: int
+    cursor: NDArray[np.int32]
+    """(1,) how much of `bodies` they have gone through."""
+    bodies: NDArray[np.float64]
+    """(R + 1, 6) position, angle, velocity, rate of the robots, and of the body that walls belong to."""
+    far: NDArray[np.float64]
+    """(R + 1, 6) the same, where the robots wait."""
+    dt: float
+    """[s] duration of a sample."""
+    stride: float
+    """[m] longest way in a substep."""
+
+
 @kernel
 def _solve(
-    space: int,
-    put: int,
-    take: int,
-    batch: int,
-    cursor: NDArray[np.int32],
-    bodies: NDArray[np.float64],
-    far: NDArray[np.float64],
+    chipmunk: Chipmunk,
     pose: NDArray[np.float64],
     pending: NDArray[np.float64],
+    collided: NDArray[np.bool_],
     rows: NDArray[np.int64],
-    dt: float,
 ) -> None:
     """Solve the contacts of the environments `rows`, one after the other.
 
     Args:
-        space, put, take, batch: addresses of the space, of what writes and reads a body, and of their argument.
-        cursor: how much of `bodies` they have gone through.
-        bodies: (R + 1, 6) position, angle, velocity, rate of the robots, and of the body that walls belong to.
-        far: (R + 1, 6) the same, where the robots wait.
+        chipmunk: the space.
         pose, pending: [m, m, rad] (N, R, 3) where the robots are, and where free motion leads.
+        collided: (N, R) set where a robot touches something.
         rows: indices of the environments.
-        dt: [s] duration of the sample.
     """
+    space, cursor, bodies, dt = chipmunk.space, chipmunk.cursor, chipmunk.bodies, chipmunk.dt
     robots = pose.shape[1]
     before = np.empty((robots, 3))
     for n in rows:
+        longest = 0.0
         for r in range(robots):
-            before[r, 0] = (pending[n, r, 0] - pose[n, r, 0]) / dt
-            before[r, 1] = (pending[n, r, 1] - pose[n, r, 1]) / dt
+            d_x, d_y = pending[n, r, 0] - pose[n, r, 0], pending[n, r, 1] - pose[n, r, 1]
+            longest = max(longest, math.hypot(d_x, d_y))
+            before[r, 0], before[r, 1] = d_x / dt, d_y / dt
             before[r, 2] = wrap_angle(pending[n, r, 2] - pose[n, r, 2]) / dt
             bodies[r, :3] = pose[n, r]
             bodies[r, 3:] = before[r]
         cursor[0] = 0
-        _each_body(space, put, batch)
-        for _ in range(SUBSTEPS):
-            _step(space, dt / SUBSTEPS)
+        _each_body(space, chipmunk.put, chipmunk.batch)
+        steps = max(SUBSTEPS, math.ceil(longest / chipmunk.stride))
+        for _ in range(steps):
+            _step(space, dt / steps)
         cursor[0] = 0
-        _each_body(space, take, batch)
+        _each_body(space, chipmunk.take, chipmunk.batch)
         for r in range(robots):
             if bodies[r, 3] != before[r, 0] or bodies[r, 4] != before[r, 1] or bodies[r, 5] != before[r, 2]:
                 pending[n, r, 0] = bodies[r, 0]
                 pending[n, r, 1] = bodies[r, 1]
                 pending[n, r, 2] = wrap_angle(bodies[r, 2])
-        bodies[:] = far
+                collided[n, r] = True
+        bodies[:] = chipmunk.far
         cursor[0] = 0
-        _each_body(space, put, batch)
+        _each_body(space, chipmunk.put, chipmunk.batch)
         _step(space, dt / SUBSTEPS)
 
 
@@ -165,7 +183,8 @@ class ContactSolver:
         self._batch = ffi.new("pmBatchedData *")
         self._batch.floatArray = self._floats
         self._batch.fields = lib.POSITION | lib.ANGLE | lib.VELOCITY | lib.ANGULAR_VELOCITY
-        self._arguments = (
+        least = min(self._config.robot_of(r).radius for r in range(self._config.robots))
+        self._chipmunk = Chipmunk(
             int(ffi.cast("uintptr_t", self._space._space)),  # noqa: SLF001 (pymunk's batch functions use it likewise)
             _address("pmSpaceBodySetIteratorFuncBatched"),
             _address("pmSpaceBodyGetIteratorFuncBatched"),
@@ -173,6 +192,8 @@ class ContactSolver:
             np.frombuffer(ffi.buffer(self._floats), np.int32, 1),
             self._bodies,
             self._far,
+            self._dt,
+            STRIDE * least,
         )
 
     def solve_many(self, world: World, rows: NDArray[np.int64]) -> None:
@@ -180,4 +201,4 @@ class ContactSolver:
 
         A robot that touches nothing keeps its pending pose to the last bit.
         """
-        _solve(*self._arguments, world.pose, world.pending, rows, self._dt)
+        _solve(self._chipmunk, world.pose, world.pending, world.collided, rows)

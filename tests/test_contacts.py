@@ -61,7 +61,7 @@ def contacts(rng: np.random.Generator) -> Any:
 
 def situation(pose: NDArray[np.float64], pending: NDArray[np.float64]) -> Any:
     """What the solver reads and writes of a world."""
-    return SimpleNamespace(pose=pose, pending=pending.copy())
+    return SimpleNamespace(pose=pose, pending=pending.copy(), collided=np.zeros(pose.shape[:2], np.bool_))
 
 
 @pytest.fixture(scope="module")

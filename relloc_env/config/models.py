@@ -47,6 +47,10 @@ REWARD_TERMS = (
 """Names of the reward's terms; `relloc_env.rewards` says what each is."""
 
 
+FASTEST = 1000.0
+"""[-] longest way of a robot in a sample, in radii: contacts are solved in steps of a quarter of the radius."""
+
+
 def _named_estimator(value: Any) -> Any:
     """A name stands for its preset configuration, a factory or its place for an estimator of the user's own."""
     return resolve(value) if isinstance(value, str) or callable(value) else value
@@ -164,6 +168,13 @@ class EnvConfig(Model):
             if camera.frame_rate is not None and camera.frame_rate > self.sample_rate:
                 raise ValueError(
                     f"must have `frame_rate` at most the sample rate {self.sample_rate}, but it is {camera.frame_rate}"
+                )
+        for robot in self.robot:
+            if robot.max_speed * self.sample_period > FASTEST * robot.radius:
+                raise ValueError(
+                    f"must have robots that move at most {FASTEST:g} times their radius in a sample, but with "
+                    f"`robot.max_speed` {robot.max_speed}, `robot.radius` {robot.radius} and `sample_rate` "
+                    f"{self.sample_rate} they move more"
                 )
         self._check_detectors()
         if self.arena is not None and 2.0 * self.start.margin >= min(self.arena):

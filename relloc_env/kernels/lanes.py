@@ -4,9 +4,9 @@ A block holds `W` environments. Their state is records whose fields are lanes: `
 is a dtype of which `point.known[i]` is a number of lane i, and `point.covariance[k, i]` the k-th of six. The same
 number of neighbouring environments is side by side in memory, and a loop over the lanes whose body has no branch that
 stores, and calls no function of the C library (`kernels.elementary` has what is needed), is compiled to vector
-instructions. Where something is chosen, both alternatives are computed and one is taken; the rare cases are treated lane by lane
-afterwards. The arithmetic of a lane does not depend on the other lanes, and no operation is reordered: an environment
-gives the same bits in any lane, alone or in company.
+instructions. Where something is chosen, both alternatives are computed and one is taken; the rare cases are treated
+lane by lane afterwards. The arithmetic of a lane does not depend on the other lanes, and no operation is reordered: an
+environment gives the same bits in any lane, alone or in company.
 
 Some habits keep the compiler able to do so. A loop reads and writes few records, so that a few comparisons at run time
 show that they do not overlap. `width`, the bound of such a loop, is an argument: with a constant the loop would be
