@@ -7,9 +7,13 @@ the same bits alone and in a batch of any size.
 numba keeps the cache where NUMBA_CACHE_DIR says, else beside the sources, else, where those are read-only, in the
 user's cache folder. It notices a change of the file that a kernel stands in, not of the kernels that it calls in other
 files: here a kernel is compiled anew after a change of its file or of any file with kernels that this one imports.
+Of several processes that need a kernel at once, one compiles it and the others load it.
+
+`_linking.py` does that by the inside of numba. With a numba that it does not know, kernels are plain `numba.njit` with
+`cache=True`: the same numbers, but a longer first compilation, once in every process that starts meanwhile, and no
+notice of a change in other files.
 """
 
-import contextlib
 import functools
 import hashlib
 import os
@@ -17,13 +21,10 @@ import re
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from types import ModuleType
 from typing import Any, TypeVar
 
 import numba
-from numba.core.caching import FunctionCache, IndexDataCacheFile, NullCache
-from numba.core.codegen import JITCodeLibrary
-from numba.core.compiler import Compiler
-from numba.core.registry import CPUDispatcher
 
 _FOLDER = Path(__file__).parent
 _IMPORT = re.compile(rb"^ *(?:from|import) +(relloc_env[\w.]*)", re.MULTILINE)
@@ -49,119 +50,32 @@ def plain(function: Any) -> Callable[..., Any]:
     return found
 
 
-_OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": False, "no_cfunc_wrapper": True}
+_OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": False}
 
 
 def _compile(function: F, **as_part: bool) -> F:
     if is_set("NUMBA_DISABLE_JIT"):
         return function
-    compiled: Any = numba.njit(**_OPTIONS)(function)
-    compiled.__class__ = _Kernel
-    part_options = {**_OPTIONS, **as_part, "no_cpython_wrapper": True, "pipeline_class": _PartCompiler}
-    compiled.part = numba.njit(**part_options)(function)
-    cache: _KernelCache | _NoCache
-    try:
-        cache = _KernelCache(function)
-    except (OSError, RuntimeError):  # there is nowhere to write
-        cache = _NoCache()
-    compiled._cache = cache  # noqa: SLF001 (what numba's `cache=True` does, with a cache of its own)
+    linking = _linking()
+    compiled: Any
+    if linking is not None:
+        compiled = linking.compiled(function, _OPTIONS, as_part)
+    else:
+        try:
+            compiled = numba.njit(**_OPTIONS, cache=True)(function)
+        except RuntimeError:  # there is nowhere to write
+            compiled = numba.njit(**_OPTIONS)(function)
     return compiled  # type: ignore[no-any-return]
 
 
-class _Kernel(CPUDispatcher):
-    """What Python calls. Kernels that call it get its part: code that is linked into theirs.
-
-    Made machine code, optimised and stored of its own as well, as numba would do it, what kernels call would cost as
-    much time again at each level of calls.
-    """
-
-    part: Any
-
-    @property
-    def _numba_type_(self) -> Any:
-        return self.part._numba_type_
-
-
-class _PartCompiler(Compiler):
-    """Compiles into a `_Part`."""
-
-    def __init__(self, typingctx: Any, targetctx: Any, _library: None, *rest: Any) -> None:
-        super().__init__(typingctx, targetctx, _Part(targetctx.codegen(), "part"), *rest)
-
-
-class _Part(JITCodeLibrary):
-    """LLVM's code of a part."""
-
-    def _finalize_final_module(self) -> None:
-        self._finalize_dynamic_globals()
-        self._finalized = True
-
-    def _optimize_final_module(self) -> None:
-        """Leave that to the kernels that the part is linked into."""
-
-    def get_pointer_to_function(self, name: str) -> int:  # noqa: ARG002 (numba's signature)
-        """Return 0: there is no machine code."""
-        self._ensure_finalized()
-        return 0
-
-    @property
-    def codegen(self) -> Any:
-        """Whoever is asked to tell machine code its environment."""
-        return _Unheard
-
-
-class _Unheard:
-    """Nobody to tell."""
-
-    @staticmethod
-    def set_env(name: str, env: Any) -> None:
-        """Do nothing."""
-
-
-class _KernelCache(FunctionCache):
-    """The compiled forms of one kernel on disk: one file for its index, one for each signature.
-
-    Files are named after the kernel alone, so that what was compiled from other sources is written over. A cache that
-    cannot be read or written is as good as an empty one.
-    """
-
-    def __init__(self, function: Callable[..., Any]) -> None:
-        super().__init__(function)
-        name = f"{function.__module__}.{function.__qualname__}.{sys.implementation.cache_tag}{sys.abiflags}"
-        stamp = (sources_digest(Path(function.__code__.co_filename)), self._impl.locator.get_source_stamp())
-        self._cache_file = IndexDataCacheFile(self._cache_path, name.replace("<locals>", ""), stamp)
-
-    def is_empty(self) -> bool:
-        """Whether nothing was compiled from these sources yet."""
-        try:
-            return not self._cache_file._load_index()  # noqa: SLF001
-        except Exception:  # noqa: BLE001 (as below)
-            return True
-
-    def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Return what was compiled before, or None."""
-        try:
-            found = super().load_overload(sig, target_context)
-        except Exception:  # noqa: BLE001 (a damaged file may raise anything, and so may types that are no more)
-            found = None
-            with contextlib.suppress(OSError):
-                self.flush()
-        if found is None:
-            announce()
-        return found
-
-    def save_overload(self, sig: Any, data: Any) -> None:
-        """Keep what was compiled, where that is possible."""
-        with contextlib.suppress(OSError):
-            super().save_overload(sig, data)
-
-
-class _NoCache(NullCache):
-    """Stands in where nothing can be written: each process compiles what it needs."""
-
-    def load_overload(self, sig: Any, target_context: Any) -> None:  # noqa: ARG002 (numba's signature)
-        """Return None: nothing was compiled before."""
-        announce()
+@functools.cache
+def _linking() -> ModuleType | None:
+    """What compiles by the inside of numba, where that is as it should be."""
+    try:
+        import relloc_env.kernels._linking as linking
+    except (ImportError, AttributeError):  # what it is built upon is no more
+        return None
+    return linking if linking.fits() else None
 
 
 def is_set(variable: str) -> bool:
@@ -172,7 +86,7 @@ def is_set(variable: str) -> bool:
 def is_awaited(function: Any) -> bool:
     """Whether a kernel has a cache, which holds nothing of it yet."""
     cache = getattr(function, "_cache", None)
-    return isinstance(cache, _KernelCache) and cache.is_empty()
+    return bool(getattr(cache, "is_empty", bool)())
 
 
 @functools.cache
