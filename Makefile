@@ -11,7 +11,7 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check -qq
 TORCH_INDEX ?= https://download.pytorch.org/whl/cpu
 export PYTHONUNBUFFERED := 1
 
-.PHONY: help setup demo test lint format types imports pytest docs bench build clean
+.PHONY: help setup demo test lint format types imports pytest docs bench house build clean
 
 help: ## list the tasks
 	@awk -F ':.*## ' '/^[a-z]+:.*## /{printf "  make %-8s %s\n", $$1, $$2}' Makefile
@@ -46,6 +46,9 @@ docs: .venv/.dev ## the documentation site in out/docs; runs the notebooks, fail
 bench: .venv/.peers ## speed beside other environments (half an hour, on an idle machine); report in out/speed
 	@$(BIN)/python -m benchmarks speed --out out/speed
 	@$(BIN)/python -m benchmarks profile --out out/speed
+
+house: .venv/.dev ## sizes of the code: rooms, long files and functions, wide kernels, words; a report, not a check
+	@$(BIN)/python -m benchmarks.house
 
 build: .venv/.dev ## wheel and source archive in dist/
 	@$(BIN)/hatchling build
