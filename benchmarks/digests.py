@@ -41,6 +41,7 @@ Tell = Callable[[str, float], None]
 def configurations() -> dict[str, tuple[str, dict[str, Any]]]:
     """Return the id and the options of every configuration, by name."""
     found: dict[str, tuple[str, dict[str, Any]]] = {}
+    estimator: str | None
     for suite in SUITES.values():
         for i, variant in enumerate(suite.variants):
             for estimator in ("map-alignment", "cascade"):
@@ -120,12 +121,13 @@ def record(path: Path, tell: Tell = lambda _what, _part: None) -> int:
 
 def episodes(task: str, options: Mapping[str, Any]) -> Arrays:
     """Whole episodes of one configuration: what every step showed, paid and told, and what was believed."""
-    env = gym.make_vec(task, num_envs=EPISODES, autoreset_mode="Disabled", **options)
+    env: Any = gym.make_vec(task, num_envs=EPISODES, autoreset_mode="Disabled", **options)
     base = env.unwrapped
     cycles = base.config.max_cycles
     draw = np.random.default_rng(1)
     shape = (cycles, EPISODES, env.action_space.shape[1])
-    actions = np.clip(np.repeat(draw.normal(0.0, 0.6, (cycles // 10 + 1, *shape[1:])), 10, axis=0)[:cycles], -1, 1)
+    smooth = np.repeat(draw.normal(0.0, 0.6, (cycles // 10 + 1, *shape[1:])), 10, axis=0)
+    actions = np.clip(smooth[:cycles], -1.0, 1.0)
     actions[:, : EPISODES // 2, 0::2] = np.abs(actions[:, : EPISODES // 2, 0::2])  # half of them keep on
     kept: dict[str, list[NDArray[Any]]] = {}
 

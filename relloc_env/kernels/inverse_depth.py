@@ -6,7 +6,7 @@ in the plane of the body, with their covariance, as if each sample's were indepe
 """
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -57,7 +57,7 @@ class Setup(NamedTuple):
     """Whether remembered points take part in the pose update."""
 
 
-_LANE = np.int64(0)
+_LANE: Any = np.int64(0)
 """The lane of the pose filters' records that is used here."""
 
 

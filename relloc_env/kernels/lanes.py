@@ -68,7 +68,8 @@ def of_one(kind: np.dtype[Any]) -> np.dtype[Any]:
 
 def named(rows: NDArray[np.float64], kind: np.dtype[Any]) -> NDArray[Any]:
     """Rows (..., numbers) of a record as a structured array (...), in the same memory."""
-    return rows.view(of_one(kind))[..., 0]
+    found: NDArray[Any] = rows.view(of_one(kind))[..., 0]
+    return found
 
 
 def numbers_of(kind: np.dtype[Any]) -> int:

@@ -37,7 +37,8 @@ SETTINGS = Settings()
 
 def columns(name: str) -> slice:
     """Where a field of `depth_state.POINT` is among the numbers of a point."""
-    kind, offset = (of_one(depth_state.POINT).fields or {})[name][:2]
+    fields: Any = of_one(depth_state.POINT).fields
+    kind, offset = fields[name][:2]
     return slice(offset // 8, (offset + kind.itemsize) // 8)
 
 
@@ -68,8 +69,8 @@ class Observers:
     ) -> None:
         chosen = settings or (SETTINGS,)
         self.settings = np.zeros(len(chosen), depth_state.SETTINGS)
-        for row, each in zip(self.settings, chosen, strict=True):
-            fill(row, each._asdict())
+        for i, each in enumerate(chosen):
+            fill(self.settings[i : i + 1], each._asdict())
         self.count, self._rows, blocks = count, np.arange(count), block_count(count)
         self.points, self.works = aligned(blocks, depth_state.POINT), aligned(blocks, depth_state.WORK)
         self._motions = aligned(blocks, anchors.MOTION)

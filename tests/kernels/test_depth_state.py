@@ -227,7 +227,7 @@ def test_bearings_without_height_use_the_horizontal_part_alone() -> None:
     """The same depth as a sensor gives that sees the point at the height of the camera; y stays 0."""
     rng = np.random.default_rng(3)
     velocities, poses = random_walk(rng, 100, 0.05)
-    for critical in (0.0, 1.0):
+    for critical in (False, True):
         bearing = Follower(SETTINGS._replace(critical=critical))
         level = Follower(SETTINGS._replace(critical=critical))
         for k, pose in enumerate(poses):
