@@ -83,7 +83,8 @@ def aligned(shape: int | tuple[int, ...], kind: Any) -> NDArray[Any]:
     size = int(np.prod(shape)) * dtype.itemsize
     raw = np.zeros(size + ALIGNMENT, np.uint8)
     start = -raw.ctypes.data % ALIGNMENT
-    return raw[start : start + size].view(dtype).reshape(shape)
+    found: NDArray[Any] = raw[start : start + size].view(dtype).reshape(shape)
+    return found
 
 
 def align(array: NDArray[Any]) -> NDArray[Any]:
