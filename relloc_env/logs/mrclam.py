@@ -3,7 +3,6 @@
 Bearings alone are taken from the camera: x = -tan(bearing), no image height. The range is kept for scores.
 """
 
-import re
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from itertools import combinations
@@ -12,21 +11,20 @@ from typing import Literal
 
 import numpy as np
 
+from relloc_env.logs.checks import LIMITS, Limits, check_cells, check_samples
 from relloc_env.logs.errors import LogError
-from relloc_env.logs.odometry import dead_reckon, fill_times, mean_velocity, smooth_poses
+from relloc_env.logs.mrclam_files import RobotTables, numbers_of, read_robot, robot_table
+from relloc_env.logs.odometry import GRID, count_times, dead_reckon, fill_times, mean_velocity, smooth_poses
 from relloc_env.logs.source import Log, Truth, perfect_network
-from relloc_env.logs.tables import check_order, line_of_row, read_table, read_text
+from relloc_env.logs.tables import read_table
 from relloc_env.samples import Float, Prior, Samples, ordered_pairs
 
 Velocity = Literal["commands", "mocap"]
 
-COLUMNS = {
-    "Odometry": ("time", "v", "w"),
-    "Measurement": ("time", "barcode", "range", "bearing"),
-    "Groundtruth": ("time", "x", "y", "theta"),
-}
-UNKNOWN_BARCODES = 0.05
-"""Largest part of a robot's detections whose barcode is not listed: the camera misreads some, a wrong file many."""
+CLOCKS = 10.0
+"""[s] records of robots that begin or end further apart are told: one of the clocks may be off."""
+ENDS = 2.0
+"""[s] odometry that begins later or ends earlier than the log, by more than this, is told."""
 
 
 @dataclass(frozen=True)
@@ -54,18 +52,6 @@ class CommandModel:
 
 
 @dataclass(frozen=True)
-class RobotTables:
-    """The files of one robot."""
-
-    odometry: Float
-    measurement: Float
-    """(F, 4) time, index of the landmark (in `MrclamFolder.landmarks`), range, bearing. Other robots are left out."""
-    truth: Float | None
-    misread: int
-    """Detections whose barcode is not listed."""
-
-
-@dataclass(frozen=True)
 class MrclamFolder:
     """A data set, read and checked."""
 
@@ -75,6 +61,9 @@ class MrclamFolder:
     landmarks: tuple[int, ...]
     positions: Float
     robots: dict[int, RobotTables]
+    warnings: tuple[str, ...] = ()
+    """What is odd about the folder, in words."""
+    limits: Limits = LIMITS
 
     def pairs(self) -> list[tuple[int, int]]:
         """Return all unordered pairs of robots."""
@@ -109,7 +98,10 @@ class MrclamFolder:
                 f"Argument `robots` must be distinct numbers of {sorted(self.robots)}, but is {list(robots)}"
             )
         tables = [self.robots[r] for r in chosen]
+        if not longest_step > 0.0:
+            raise ValueError(f"Argument `longest_step` must be positive, but is {longest_step}")
         frames = np.unique(np.concatenate([table.measurement[:, 0] for table in tables]))
+        warnings = self._check_times(chosen, frames, longest_step)
         time = fill_times(frames, longest_step)
         period = np.diff(time, prepend=time[0])
         shape = (1, len(time), len(chosen))
@@ -139,12 +131,17 @@ class MrclamFolder:
             image[0, k, i, m, 0], image[0, k, i, m, 1] = -np.tan(bearing), np.nan
             seen[0, k, i, m] = True
             sensed[k, i, m] = table.measurement[:, 2] * np.cos(bearing)
+        samples = Samples(period[None], odometry, image, seen, perfect_network(len(time), len(chosen)))
+        names, points = tuple(f"robot_{r}" for r in chosen), tuple(f"landmark_{number}" for number in self.landmarks)
+        warnings += check_samples(
+            samples, names, points, lambda k, words: LogError(self.path, f"{time[k]:.3f} s: {words}"), self.limits
+        )
         log = Log(
             name=f"{self.path.name}, robots {' and '.join(map(str, chosen))}",
             kind="mrclam",
-            robots=tuple(f"robot_{r}" for r in chosen),
-            points=tuple(f"landmark_{number}" for number in self.landmarks),
-            samples=Samples(period[None], odometry, image, seen, perfect_network(len(time), len(chosen))),
+            robots=names,
+            points=points,
+            samples=samples,
             prior=_prior(len(chosen), len(self.landmarks)),
             truth=Truth(poses, self.positions, sensed) if np.isfinite(poses).any() else None,
             velocity=velocity,
@@ -156,8 +153,44 @@ class MrclamFolder:
                 "longest_step": longest_step,
                 "misread_barcodes": sum(table.misread for table in tables),
             },
+            warnings=tuple(dict.fromkeys(warnings)),
         )
         return log.cut(start, stop)
+
+    def _check_times(self, chosen: Sequence[int], frames: Float, longest_step: float) -> list[str]:
+        """Raise where robots have no time in common, or too much of it; return what is odd, in words."""
+        limits, times = self.limits, {r: self.robots[r].odometry[[0, -1], 0] for r in chosen}
+        warnings = [*self.warnings, *(words for r in chosen for words in self.robots[r].warnings)]
+        for which, part in enumerate(("begin", "end")):
+            early, late = (f(chosen, key=lambda r: times[r][which]) for f in (min, max))
+            apart = float(times[late][which] - times[early][which])
+            if apart > CLOCKS:
+                warnings.append(
+                    f"the records of robots {early} and {late} {part} {apart:.0f} s apart "
+                    f"({times[early][which]:.3f} and {times[late][which]:.3f}): are their clocks far apart?"
+                )
+        silent = float(np.maximum(0.0, max(t[0] for t in times.values()) - min(t[1] for t in times.values())))
+        if silent > limits.gap:
+            raise LogError(
+                self.path,
+                f"robots {', '.join(map(str, chosen))} must have recorded at the same time, but {silent:.2g} s lie "
+                "between two of their records: are their clocks far apart?",
+            )
+        for r in chosen:
+            late, early = times[r][0] - frames[0], frames[-1] - times[r][1]
+            if late > ENDS:
+                warnings.append(f"the odometry of robot {r} begins {late:.1f} s after the log: it stands until then")
+            if early > ENDS:
+                warnings.append(
+                    f"the odometry of robot {r} ends {early:.1f} s before the log: its last command is held"
+                )
+        wrong = check_cells(count_times(frames, longest_step), len(chosen), len(self.landmarks), limits)
+        tables = (self.robots[r].truth for r in chosen)
+        longest = max((float(np.ptp(truth[:, 0])) for truth in tables if truth is not None), default=0.0)
+        wrong = wrong or check_cells(longest / GRID, 1, 1, limits)
+        if wrong:
+            raise LogError(self.path, wrong)
+        return warnings
 
 
 def _prior(robots: int, points: int) -> Prior:
@@ -177,70 +210,13 @@ def _truth_at(truth: Float, time: Float, gap: float = 0.5) -> Float:
     return poses
 
 
-def _robot_table(path: Path, kind: str) -> tuple[Float, str]:
-    """Read one `RobotN_<kind>.dat`, refusing another kind of file under its name."""
-    text = read_text(path)
-    head = re.search(r"^#\s*(?:Robot\s+)?(Odometry|Measurement|Groundtruth)\b", text, re.MULTILINE)
-    if head is not None and head.group(1) != kind:
-        line = text[: head.start()].count("\n") + 1
-        raise LogError(path, f"must hold {kind} data, but its header says {head.group(1)}", line)
-    table, text = read_table(path, COLUMNS[kind])
-    check_order(path, text, table[:, 0])
-    return table, text
-
-
-def _read_robot(folder: Path, number: int, subjects: dict[int, int], index: dict[int, int]) -> RobotTables:
-    odometry, text = _robot_table(folder / f"Robot{number}_Odometry.dat", "Odometry")
-    path = folder / f"Robot{number}_Measurement.dat"
-    measurement, text = _robot_table(path, "Measurement")
-    wrong = (measurement[:, 1] != np.rint(measurement[:, 1])) | (measurement[:, 1] < 0)
-    if wrong.any():
-        row = int(wrong.argmax())
-        raise LogError(
-            path, f"`barcode` must be a whole number, but is {measurement[row, 1]:g}", line_of_row(text, row)
-        )
-    wrong = (np.abs(measurement[:, 3]) >= 0.5 * np.pi) | (measurement[:, 2] <= 0.0)
-    if wrong.any():
-        row = int(wrong.argmax())
-        raise LogError(
-            path,
-            "must have a positive range and a bearing within ±π/2, but has "
-            f"{measurement[row, 2]:g} m and {measurement[row, 3]:g} rad",
-            line_of_row(text, row),
-        )
-    subject = np.array([subjects.get(int(code), -1) for code in measurement[:, 1]])
-    misread = subject < 0
-    if misread.mean() > UNKNOWN_BARCODES:
-        row = int(misread.argmax())
-        raise LogError(
-            path,
-            f"barcode {measurement[row, 1]:g} (like {100 * misread.mean():.0f} % of the detections) must be listed in "
-            "Barcodes.dat, but is not",
-            line_of_row(text, row),
-        )
-    late, early = measurement[-1, 0] - odometry[-1, 0], odometry[0, 0] - measurement[0, 0]
-    if max(late, early) > 30.0:
-        raise LogError(
-            folder / f"Robot{number}_Odometry.dat",
-            f"must cover the times of {path.name}, but {'ends' if late > early else 'begins'} "
-            f"{max(late, early):.0f} s too {'early' if late > early else 'late'}: truncated, or of another set?",
-        )
-    landmark = np.array([index.get(s, -1) for s in subject])
-    kept = landmark >= 0
-    if not kept.any():
-        raise LogError(path, "holds no detection of a landmark")
-    detections = np.column_stack([measurement[kept, 0], landmark[kept], measurement[kept, 2:]])
-    truth_path = folder / f"Robot{number}_Groundtruth.dat"
-    truth = _robot_table(truth_path, "Groundtruth")[0] if truth_path.exists() else None
-    return RobotTables(odometry, detections, truth, int(misread.sum()))
-
-
-def read_mrclam(path: str | Path, robots: Sequence[int] | None = None) -> MrclamFolder:
-    """Read and check an `MRCLAM_DatasetN` folder as published.
+def read_mrclam(path: str | Path, robots: Sequence[int] | None = None, limits: Limits = LIMITS) -> MrclamFolder:
+    """Read and check an `MRCLAM_DatasetN` folder as published; any file may be compressed by gzip (`.dat.gz`).
 
     Args:
         path: the folder.
         robots: read these alone (default: all there are).
+        limits: what is refused.
 
     Raises:
         LogError: naming file and line, for files that are missing, empty, malformed, unsorted, or mixed up.
@@ -248,34 +224,36 @@ def read_mrclam(path: str | Path, robots: Sequence[int] | None = None) -> Mrclam
     folder = Path(path)
     if not folder.is_dir():
         raise LogError(folder, "must be a folder with RobotN_Odometry.dat and its like")
-    found = sorted(int(p.name[5:-13]) for p in folder.glob("Robot*_Odometry.dat") if p.name[5:-13].isdigit())
+    found = numbers_of(folder)
     if not found:
         raise LogError(folder, "holds no RobotN_Odometry.dat")
     wanted = found if robots is None else [int(r) for r in robots]
     if not set(wanted) <= set(found):
         raise ValueError(f"Argument `robots` must be of {found}, but is {wanted}")
-    barcodes, text = read_table(folder / "Barcodes.dat", ("subject", "barcode"))
+    barcodes = read_table(folder / "Barcodes.dat", ("subject", "barcode"))
+    barcodes.check_whole("subject")
+    barcodes.check_whole("barcode")
     subjects: dict[int, int] = {}
-    for row, (subject, code) in enumerate(barcodes):
+    for row, (subject, code) in enumerate(barcodes.rows):
         if int(code) in subjects:
-            raise LogError(folder / "Barcodes.dat", f"barcode {code:g} is listed twice", line_of_row(text, row))
+            raise barcodes.fail(row, f"barcode {code:g} is listed twice")
         subjects[int(code)] = int(subject)
-    marks, _ = read_table(folder / "Landmark_Groundtruth.dat", ("subject", "x", "y", "sd_x", "sd_y"))
-    landmarks = tuple(int(s) for s in marks[:, 0])
-    positions = np.column_stack([marks[:, 1:3], np.full(len(marks), np.nan)])
-    index = {subject: i for i, subject in enumerate(landmarks)}
-    tables = {number: _read_robot(folder, number, subjects, index) for number in wanted}
-    first = min(_first_time(folder / f"Robot{number}_Odometry.dat") for number in found)
-    return MrclamFolder(folder, first, landmarks, positions, tables)
-
-
-def _first_time(path: Path) -> float:
-    """Time stamp of a file's first row."""
-    with path.open(encoding="utf-8", errors="replace") as file:
-        for number, line in enumerate(file, start=1):
-            if line.strip() and not line.startswith("#"):
-                try:
-                    return float(line.split()[0])
-                except ValueError:
-                    raise LogError(path, f"`time` must be a number, but is {line.split()[0]!r}", number) from None
-    raise LogError(path, "holds no data, only comments")
+    marks = read_table(folder / "Landmark_Groundtruth.dat", ("subject", "x", "y", "sd_x", "sd_y"))
+    marks.check_whole("subject")
+    marks.check({"x": "place", "y": "place"}, limits)
+    landmarks = tuple(int(s) for s in marks["subject"])
+    index: dict[int, int] = {}
+    for row, number in enumerate(landmarks):
+        if number in index:
+            raise marks.fail(row, f"landmark {number} is listed twice")
+        index[number] = row
+    positions = np.column_stack([marks["x"], marks["y"], np.full(len(landmarks), np.nan)])
+    warnings = barcodes.warnings + marks.warnings
+    tables = {number: read_robot(folder, number, subjects, index, limits) for number in wanted}
+    first = [float(table.odometry[0, 0]) for table in tables.values()]
+    for number in set(found) - set(wanted):
+        try:
+            first.append(float(robot_table(folder, number, "Odometry", limits)["time"][0]))
+        except LogError as error:
+            warnings.append(f"times count from the first command of the robots that are read: {error}")
+    return MrclamFolder(folder, min(first), landmarks, positions, tables, tuple(warnings), limits)

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from relloc_env.kernels.motion import wrap_angle
+from relloc_env.logs.checks import sent_by
 from relloc_env.samples import Float, Prior, Samples, ordered_pairs
 
 
@@ -61,6 +62,8 @@ class Log:
     """[s] time of the first sample since the recording began."""
     configuration: Mapping[str, Any] = field(default_factory=dict)
     """How the log was made or read, as plain data."""
+    warnings: tuple[str, ...] = ()
+    """What is odd about the recording, in words; results say it."""
 
     @cached_property
     def time(self) -> Float:
@@ -102,6 +105,7 @@ class Log:
         period, odometry = s.period[:, part].copy(), s.odometry[:, part].copy()
         period[:, 0], odometry[:, 0] = 0.0, 0.0
         image, visible = np.ascontiguousarray(s.image[:, part][:, :, :, seen]), s.seen[:, part][:, :, :, seen].copy()
+        arrived = s.arrived[:, part] & sent_by(len(kept))[:, None]
         truth = self.truth
         if truth is not None:
             sensed = None if truth.sensed_depth is None else truth.sensed_depth[part][:, :, seen]
@@ -109,7 +113,7 @@ class Log:
         return replace(
             self,
             points=tuple(self.points[m] for m in seen),
-            samples=Samples(period, odometry, image, visible, s.arrived[:, part].copy()),
+            samples=Samples(period, odometry, image, visible, arrived),
             prior=self.prior._replace(depth=np.ascontiguousarray(self.prior.depth[:, :, seen])),
             truth=truth,
             start=float(time[kept[0]]),

@@ -5,18 +5,18 @@ wheel encoders: velocities come from the motion capture. The right camera gives 
 """
 
 import csv
-import json
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
+from relloc_env.logs.checks import LIMITS, Limits, check_cells, check_samples, contradiction, contradictions
 from relloc_env.logs.errors import LogError
-from relloc_env.logs.odometry import fill_times, mean_velocity
+from relloc_env.logs.odometry import count_times, fill_times, mean_velocity
 from relloc_env.logs.source import Log, Truth, perfect_network
-from relloc_env.logs.tables import check_order, line_of_row, read_table, read_text
+from relloc_env.logs.tables import Table, read_table
+from relloc_env.logs.text import read_json, read_text, stored
 from relloc_env.samples import Float, Prior, Samples
 
 DETECTIONS = "apriltag_cal_individual.csv"
@@ -37,33 +37,27 @@ class Track:
 
 def _header(path: Path, needed: tuple[str, ...]) -> tuple[str, ...]:
     """Return the column names of a CSV file; raise where one of `needed` is missing."""
-    names = tuple(name.strip() for name in next(csv.reader([read_text(path).splitlines()[0]])))
+    try:
+        names = tuple(name.strip() for name in next(csv.reader([read_text(path).splitlines()[0]])))
+    except csv.Error as error:
+        raise LogError(stored(path), f"is not CSV ({error})", 1) from None
     missing = [name for name in needed if name not in names]
     if missing:
-        raise LogError(path, f"must have the columns {', '.join(needed)}, but lacks {', '.join(missing)}", 1)
+        raise LogError(stored(path), f"must have the columns {', '.join(needed)}, but lacks {', '.join(missing)}", 1)
     return names
 
 
-def _read_columns(path: Path, needed: tuple[str, ...]) -> tuple[dict[str, Float], str]:
-    """Read a CSV file with a header line, by column."""
-    names = _header(path, needed)
-    table, text = read_table(path, names, delimiter=",", skip=1)
-    return {name: table[:, j] for j, name in enumerate(names)}, text
-
-
-def _read_json(path: Path) -> Any:
-    try:
-        return json.loads(read_text(path))
-    except json.JSONDecodeError as error:
-        raise LogError(path, f"is not JSON ({error.msg})", error.lineno) from None
+def _read_columns(path: Path, needed: tuple[str, ...]) -> Table:
+    """Read a CSV file with a header line."""
+    return read_table(path, _header(path, needed), delimiter=",", skip=1)
 
 
 def _calibration(path: Path) -> dict[str, float]:
-    data = _read_json(path)
+    data = read_json(path)
     values = {}
     for name in ("fu", "fv", "cu", "cv", "b"):
         value = data.get(name) if isinstance(data, dict) else None
-        if not isinstance(value, int | float) or not math.isfinite(value) or (name in ("fu", "fv", "b") and value <= 0):
+        if isinstance(value, bool) or not isinstance(value, int | float) or (name in ("fu", "fv", "b") and value <= 0):
             raise LogError(
                 path, f"`{name}` must be a finite number (focal lengths and baseline positive), but is {value!r}"
             )
@@ -75,11 +69,12 @@ def _environment(sequence: Path) -> Path:
     """Return the file of the tags' positions that belongs to a sequence."""
     folder = sequence.parent / "mocap"
     listing = sequence.parent / "dataset_params.json"
-    if listing.exists():
-        for entry in _read_json(listing):
+    if stored(listing).exists():
+        entries = read_json(listing)
+        for entry in entries if isinstance(entries, list) else []:
             if isinstance(entry, dict) and entry.get("name") == sequence.name and "landmarks" in entry:
                 return folder / f"environment_{entry['landmarks']}.csv"
-    found = sorted(folder.glob("environment_*.csv"))
+    found = sorted([*folder.glob("environment_*.csv"), *folder.glob("environment_*.csv.gz")])
     if len(found) != 1:
         raise LogError(folder, f"must hold the tags' positions (one environment_*.csv), but holds {len(found)}")
     return found[0]
@@ -131,8 +126,9 @@ def read_starloc(
     shortest: float = 6.0,
     longest_step: float = 0.25,
     camera_delay: float = CAMERA_DELAY,
+    limits: Limits = LIMITS,
 ) -> Log:
-    """Read a STAR-loc sequence as published; each track is a point of its own.
+    """Read a STAR-loc sequence as published; each track is a point of its own. Any file may be compressed (`.gz`).
 
     Args:
         path: folder of the sequence, with apriltag_cal_individual.csv and calib.json.
@@ -142,30 +138,32 @@ def read_starloc(
         longest_step: [s] gaps between frames are filled with samples without sights so that no step is longer.
         camera_delay: [s] an image shows what was seen this long before its time stamp; poses and velocities are those
             of that moment.
+        limits: what is refused.
 
     Raises:
         LogError: naming file and line, for files that are missing, empty, malformed, unsorted, or mixed up.
     """
     folder = Path(path)
     source = folder / DETECTIONS
-    columns, text = _read_columns(source, NEEDED)
+    columns = _read_columns(source, NEEDED)
+    columns.check({"time_s": "stamp", "cam_x": "place", "cam_y": "place", "cam_z": "place"}, limits)
+    columns.check(dict.fromkeys(("left_u", "left_v", "right_u", "right_v"), "number"), limits)
+    columns.check_whole("apriltag_id")
     stamp, tag = columns["time_s"], columns["apriltag_id"]
-    check_order(source, text, stamp, skip=1)
     calibration = _calibration(folder / "calib.json")
     places_path = _environment(folder) if environment is None else Path(environment)
-    places, _ = _read_columns(places_path, ("x", "y", "z", "april_id"))
+    places = _read_columns(places_path, ("x", "y", "z", "april_id"))
+    places.check({"x": "place", "y": "place", "z": "place"}, limits)
+    places.check_whole("april_id")
     position = {int(a): (x, y, z) for a, x, y, z in zip(*(places[k] for k in ("april_id", "x", "y", "z")), strict=True)}
     unknown = [row for row, number in enumerate(tag) if int(number) not in position]
     if unknown:
-        raise LogError(
-            source,
-            f"tag {tag[unknown[0]]:g} must be listed in {places_path.name}, but is not",
-            line_of_row(text, unknown[0], 1),
-        )
+        row = unknown[0]
+        raise columns.fail(row, f"tag {tag[row]:g} must be listed in {places_path.name}, but is not")
     quaternion = np.column_stack([columns[name] for name in POSE[3:]])
-    bad = np.flatnonzero(np.abs(np.linalg.norm(quaternion, axis=1) - 1.0) > 0.01)
+    bad = np.flatnonzero(~(np.abs(np.linalg.norm(quaternion, axis=1) - 1.0) <= 0.01))
     if bad.size:
-        raise LogError(source, "the camera's quaternion must have length 1", line_of_row(text, int(bad[0]), 1))
+        raise columns.fail(int(bad[0]), "the camera's quaternion must have length 1")
     disparity = columns["left_u"] - columns["right_u"]
     axes = camera_axes(quaternion)
     level = levelling(axes)
@@ -179,11 +177,21 @@ def read_starloc(
         )
         @ level.T
     )
+    hidden = ~(rays[:, 2] > 0.0) | (np.abs(rays).max(axis=1) > limits.image * rays[:, 2])
+    if hidden.any():
+        row = int(hidden.argmax())
+        raise columns.fail(
+            row, "the pixels must lie before the camera, but are beside it or behind: are units mixed up?"
+        )
     tracks = split_tracks(stamp, tag, longest_gap, shortest)
     if not tracks:
         raise LogError(source, f"holds no tag that is seen for {shortest:g} s without a gap of {longest_gap:g} s")
 
+    for row in (twice := contradictions(stamp, tag, rays[:, :2] / rays[:, 2:]))[:1]:
+        columns.warn(contradiction(len(twice), f"tag {tag[row]:g}"), row)
     frames, first = np.unique(stamp, return_index=True)
+    if wrong := check_cells(count_times(frames, longest_step), 1, len(tracks), limits):
+        raise LogError(columns.path, wrong)
     time = fill_times(frames, longest_step)
     period = np.diff(time, prepend=time[0])
     yaw = np.unwrap(np.arctan2(axes[first, 1, 2], axes[first, 0, 2]))
@@ -201,14 +209,17 @@ def read_starloc(
         image[0, k, 0, m] = rays[track.rows, :2] / rays[track.rows, 2:]
         seen[0, k, 0, m] = True
         sensed[k, 0, m] = stereo[track.rows]
+    samples = Samples(period[None], mean_velocity(poses, period)[None, :, None], image, seen, perfect_network(count, 1))
+    names = tuple(f"tag_{t.tag} from {stamp[t.rows[0]] - stamp[0]:.1f} s" for t in tracks)
+    odd = check_samples(
+        samples, ("camera",), names, lambda k, words: LogError(columns.path, f"{time[k]:.3f} s: {words}"), limits
+    )
     log = Log(
         name=folder.name,
         kind="starloc",
         robots=("camera",),
-        points=tuple(f"tag_{t.tag} from {stamp[t.rows[0]] - stamp[0]:.1f} s" for t in tracks),
-        samples=Samples(
-            period[None], mean_velocity(poses, period)[None, :, None], image, seen, perfect_network(count, 1)
-        ),
+        points=names,
+        samples=samples,
         prior=Prior(np.full((1, 1, points), 3.0), np.zeros((1, 0, 3)), 2.0, np.ones(3)),
         truth=Truth(poses[:, None], np.array([position[t.tag] for t in tracks]), sensed),
         velocity="mocap",
@@ -221,5 +232,6 @@ def read_starloc(
             "longest_step": longest_step,
             "camera_delay": camera_delay,
         },
+        warnings=(*columns.warnings, *places.warnings, *odd),
     )
     return log.cut()

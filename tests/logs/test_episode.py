@@ -22,8 +22,10 @@ def make_log(seed: int = 0, robots: int = 2, points: int = 3, count: int = 40) -
     image[~seen] = 0.0
     image[..., 1][seen & (rng.random(seen.shape) < 0.3)] = np.nan
     image[0, 0, 0, 0, 0] = -0.0
-    odometry = (rng.standard_normal((1, count, robots, 3)) * 10.0 ** rng.integers(-30, 3, 3)).astype(np.float32)
+    odometry = (rng.standard_normal((1, count, robots, 3)) * 10.0 ** rng.integers(-30, 1, 3)).astype(np.float32)
     arrived = rng.integers(0, 2**64, (1, count, pairs), dtype=np.uint64)
+    for k in range(count):  # no message is older than the log
+        arrived[:, k] &= np.uint64(min(2 ** (k + 1) - 1, 2**64 - 1))
     poses = rng.standard_normal((count, robots, 3))
     poses[3] = np.nan
     sensed = rng.uniform(1.0, 5.0, (count, robots, points))
