@@ -70,10 +70,9 @@ def _fits() -> bool:
         found = [[*body.position, body.angle, *body.velocity, body.angular_velocity] for body in bodies]
         floats.num, written[:] = 0, -1.0
         lib.cpSpaceEachBody(space._space, lib.pmSpaceBodyGetIteratorFuncBatched, batch)  # noqa: SLF001 (as pymunk does)
-        same: bool = found == written[:2].tolist() == np.arange(12.0).reshape(2, 6).tolist()
-        return same
     except Exception:  # noqa: BLE001 (whatever changed, and however it shows)
         return False
+    return bool(found == written[:2].tolist() == np.arange(12.0).reshape(2, 6).tolist())
 
 
 def _open_batch(bodies: NDArray[np.float64]) -> tuple[Any, Any]:
@@ -242,11 +241,14 @@ class ContactSolver:
         """Set up what writes the bodies and reads them."""
         self._bodies = self._far.copy()
         least = min(self._config.robot_of(r).radius for r in range(self._config.robots))
-        access: tuple[Any, Any, Any, Any]
+        space: Any
+        put: Any
+        take: Any
+        batch: Any
         if COMPILED:
             self._floats, self._batch = _open_batch(self._bodies)
             cursor = np.frombuffer(ffi.buffer(self._floats), np.int32, 1)
-            access = (
+            space, put, take, batch = (
                 int(ffi.cast("uintptr_t", self._space._space)),  # noqa: SLF001 (as pymunk's batch functions do)
                 _address("pmSpaceBodySetIteratorFuncBatched"),
                 _address("pmSpaceBodyGetIteratorFuncBatched"),
@@ -254,8 +256,8 @@ class ContactSolver:
             )
         else:
             cursor = np.zeros(1, np.int32)
-            access = (self._space, self._put, self._take, self._bodies)
-        self._chipmunk = Chipmunk(*access, cursor, self._bodies, self._far, self._dt, STRIDE * least)
+            space, put, take, batch = (self._space, self._put, self._take, self._bodies)
+        self._chipmunk = Chipmunk(space, put, take, batch, cursor, self._bodies, self._far, self._dt, STRIDE * least)
 
     def _put(self, bodies: NDArray[np.float64]) -> None:
         """Give the robots the positions, angles, velocities and rates of the rows."""
