@@ -142,11 +142,12 @@ for name in ("ActiveDepth", "RelativePose"):
     many.reset(seed=0)
     for _ in range(130):  # to the wall, and over the end of an episode
         many.step(np.ones(many.action_space.shape, np.float32) * 0.9)
-    poses = [(4.0, r, 0.0) for r in range(many.config.robots)]
-    env = relloc_env.parallel_env(task=f"relloc_env/{name}-v0", poses=poses)
+    near = {"poses": [(4.0, r, 0.0) for r in range(many.config.robots)], "points": [(9.0, 0.1, 0.5), (9.0, 0.8, 0.5)]}
+    env = relloc_env.parallel_env(task=f"relloc_env/{name}-v0", shield=None, **near)
     env.reset(seed=0)
     for _ in range(20):
-        env.step({robot: [1.0, 0.0] for robot in env.agents})
+        *_, info = env.step({robot: [1.0, 0.0] for robot in env.agents})
+    assert env.unwrapped.state() is not None
 """
 
 
