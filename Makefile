@@ -54,7 +54,7 @@ pytest: .venv/.dev ## the tests alone; ARGS="tests/kernels -x" chooses
 docs: .venv/.dev ## the documentation site in out/docs; runs the notebooks, fails at a dead link or any warning
 	@$(BIN)/sphinx-build --quiet --fail-on-warning --keep-going --fresh-env -d .cache/docs docs out/docs
 
-test-minimum: ## fast tests with the lowest versions of the core, render and agents, on each Python here; some minutes each
+test-minimum: ## fast tests with the lowest versions of core, render and agents, on each Python here (minutes each)
 	@mkdir -p .cache/minimum
 	@$(PYTHON) .ci/lowest.py render agents > .cache/minimum/lowest.txt
 	@done=" "; for python in $(PYTHONS); do \

@@ -1,4 +1,4 @@
-"""Print the lowest releases that `pyproject.toml` allows of what the core and the given extras need: constraints of pip."""
+"""Print the lowest releases that `pyproject.toml` allows of what the core and the given extras need, for pip."""
 
 import re
 import sys
@@ -10,7 +10,7 @@ PROJECT = tomllib.loads((Path(__file__).resolve().parents[1] / "pyproject.toml")
 
 
 def lowest(lines: list[str]) -> Iterator[str]:
-    """`name==LOW` for each `name>=LOW` of the lines, with the marker that it may have, those of named extras included."""
+    """`name==LOW` for each `name>=LOW` of the lines and of the extras that they name; markers are kept."""
     for line in lines:
         own = re.fullmatch(rf"{PROJECT['name']}\[(.+)\]", line)
         if own:

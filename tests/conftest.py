@@ -5,7 +5,6 @@ from pathlib import Path
 
 import pytest
 
-
 # Set before anything imports numba, pygame or matplotlib.
 os.environ["SDL_VIDEODRIVER"] = "dummy"
 os.environ["SDL_AUDIODRIVER"] = "dummy"
