@@ -8,13 +8,24 @@ PYTHON ?= python3
 JOBS ?= 2
 BIN := .venv/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check -qq
-TORCH_INDEX ?= https://download.pytorch.org/whl/cpu
+# Packages come from where pip is told, in its own configuration; torch from one more index, if this names one.
+TORCH_INDEX ?=
+# Pythons that `make test-minimum` tries; those that are not there are left out.
+PYTHONS ?= python3.11 python3.12 python3.13 $(wildcard $(HOME)/.pyenv/versions/3.1[1-9]*/bin/python)
+# What they run: tests of the core, of drawing and of agents, without those that take long or need other extras.
+MINIMUM_TESTS ?= tests/kernels tests/envs tests/estimators tests/rendering tests/agents tests/logs \
+	$(filter-out %_docs.py %_package.py %_paper.py,$(wildcard tests/test_*.py)) $(patsubst %,--ignore=%, \
+	tests/kernels/test_image_rendering.py tests/envs/test_image_observation.py tests/estimators/test_own.py)
 export PYTHONUNBUFFERED := 1
+# Recorded data for the demonstration and the tests.
+ifneq ($(wildcard ../shared/data),)
+export RELLOC_DATA ?= $(abspath ../shared/data)
+endif
 
-.PHONY: help setup demo test lint format types imports pytest docs bench house build clean
+.PHONY: help setup demo test lint format types imports pytest docs test-minimum bench house build clean
 
 help: ## list the tasks
-	@awk -F ':.*## ' '/^[a-z]+:.*## /{printf "  make %-8s %s\n", $$1, $$2}' Makefile
+	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "  make %-12s %s\n", $$1, $$2}' Makefile
 
 setup: .venv/.dev ## create .venv with everything a developer needs
 
@@ -43,6 +54,20 @@ pytest: .venv/.dev ## the tests alone; ARGS="tests/kernels -x" chooses
 docs: .venv/.dev ## the documentation site in out/docs; runs the notebooks, fails at a dead link or any warning
 	@$(BIN)/sphinx-build --quiet --fail-on-warning --keep-going --fresh-env -d .cache/docs docs out/docs
 
+test-minimum: ## fast tests with the lowest versions of core, render and agents, on each Python here (minutes each)
+	@mkdir -p .cache/minimum
+	@$(PYTHON) .ci/lowest.py render agents > .cache/minimum/lowest.txt
+	@done=" "; for python in $(PYTHONS); do \
+		version=$$($$python -c 'import sys; print("%d.%d" % sys.version_info[:2])' 2> /dev/null) || continue; \
+		[[ $$done == *" $$version "* ]] && continue; done+="$$version "; folder=.cache/minimum/$$version; \
+		echo "Python $$version: the lowest versions"; \
+		$$python -m venv --clear $$folder; \
+		$$folder/bin/python -m pip --disable-pip-version-check -qq install \
+			-c .cache/minimum/lowest.txt -e '.[render,agents]' pytest hypothesis; \
+		NUMBA_CACHE_DIR=$$folder/kernels $$folder/bin/python -m pytest -q \
+			-W ignore::DeprecationWarning -W ignore::PendingDeprecationWarning $(MINIMUM_TESTS); \
+	done; [[ $$done != " " ]]
+
 bench: .venv/.peers ## speed beside other environments (half an hour, on an idle machine); report in out/speed
 	@$(BIN)/python -m benchmarks speed --out out/speed
 	@$(BIN)/python -m benchmarks profile --out out/speed
@@ -67,11 +92,10 @@ clean: ## remove what the tasks made, .venv included
 	@$(PIP) install -c constraints.txt -e '.[agents,logs]'
 	@touch $@
 
-# torch comes first and alone, so that Linux gets the build without CUDA (a tenth of the size).
+# torch comes first and alone: where an index of builds without CUDA is at hand, its build is a tenth of the size.
 .venv/.dev: pyproject.toml constraints.txt | .venv/bin/python
 	@echo "Setting up .venv for development (once; some minutes): torch first"
-	@echo "(a warning about $(TORCH_INDEX) is harmless where pip finds torch elsewhere)"
-	@$(PIP) install -c constraints.txt --no-deps --retries 1 --extra-index-url $(TORCH_INDEX) torch
+	@$(PIP) install -c constraints.txt --no-deps $(if $(TORCH_INDEX),--extra-index-url $(TORCH_INDEX)) torch
 	@echo "... then all else"
 	@$(PIP) install -c constraints.txt -e '.[dev]'
 	@touch .venv/.demo $@

@@ -28,7 +28,6 @@ from relloc_env.metrics import convergence_time
 from relloc_env.replay import open_logs, replay
 from relloc_env.wrappers import RecordLog
 
-ROOT = Path(__file__).resolve().parents[1]
 SCRIPT, POLICY = "edge-two", "learned"
 """The strongest law without learning, and the policy that ships: what is animated, side by side."""
 MOTIONS = {
@@ -67,14 +66,16 @@ class Found:
 
 
 def find_logs(path: Path | None) -> list[Found]:
-    """Return the logs to replay: the given one, or those of RELLOC_DATA or ../shared/data beside the project."""
+    """Return the logs to replay: the given one, or those in the folder RELLOC_DATA."""
     if path is not None:
         for name, options in LOGS.items():
             if path.name == Path(name).name:
                 return [Found(path, options)]
         return [Found(path, {"robots": (1, 2)} if any(path.glob("Robot*_Odometry.dat")) else {})]
     given = os.environ.get("RELLOC_DATA")
-    data = Path(given) if given else ROOT.parent / "shared" / "data"
+    if not given:
+        return []
+    data = Path(given)
     return [Found(data / name, options) for name, options in LOGS.items() if (data / name).is_dir()]
 
 

@@ -66,6 +66,11 @@ class Acting:
         return actions[..., : self._task.config.action_size]  # those of points that are not there come last
 
 
+def shipped() -> tuple[str, ...]:
+    """Names of the policies that ship."""
+    return tuple(sorted(each.stem for each in POLICIES.glob("*.onnx")))
+
+
 def place(name: str) -> Path:
     """The file that `NAME`, or a path, leads to.
 
@@ -77,7 +82,7 @@ def place(name: str) -> Path:
         if not path.is_file():
             raise ValueError(f"Argument `agents` must lead to a saved policy, but there is no file {name!r}")
         return path
-    known = tuple(sorted(each.stem for each in POLICIES.glob("*.onnx")))
+    known = shipped()
     if name not in known:
         raise ValueError(
             f"Unknown policy `{name}`{hint(name, known)}; known: {', '.join(known)}; or a path to an .onnx or .zip file"

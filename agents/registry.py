@@ -7,7 +7,7 @@ from typing import Any
 
 from agents import scripted
 from agents.feedback import Edge
-from agents.learned import PREFIX, learned, options
+from agents.learned import PREFIX, learned, options, shipped
 from agents.planned import OpenLoop, Planner
 from agents.policy import Policy, Task
 from relloc_env.places import load
@@ -62,13 +62,15 @@ def agent(name: str) -> Callable[[Task], Policy]:
         return build
     known = {**AGENTS, **PLANNED}
     if name not in known:
-        close = difflib.get_close_matches(name, known, n=1)
+        close = difflib.get_close_matches(name, [*known, *(PREFIX + policy for policy in shipped())], n=1)
         hint = f"; did you mean `{close[0]}`?" if close else ""
         if name.endswith(".py"):
             hint = f": say `{name}:` and the name of the class in it, as in `{name}:MyAgent`"
         elif name.endswith(".zip"):
             hint = f": say `{PREFIX}{name}` for a policy that Stable-Baselines3 saved"
-        raise ValueError(f"Unknown agent `{name}`{hint}; known: {', '.join(known)}")
+        ships = ", ".join(f"{PREFIX}{policy}" for policy in shipped())
+        ways = f"{', '.join(known)}, {ships}; or `{PREFIX}` and a file, .onnx or .zip, or `FILE.py:NAME`"
+        raise ValueError(f"Unknown agent `{name}`{hint}; known: {ways}")
     return known[name]
 
 

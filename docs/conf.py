@@ -8,6 +8,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 os.environ["PYTHONPATH"] = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])  # for the notebooks' kernels
+os.environ.pop("MPLBACKEND", None)  # the notebooks' kernels show their figures on the page, unless told otherwise
 os.environ["RELLOC_QUIET"] = "1"  # nobody waits for the notebooks' kernels to compile
 
 import relloc_env  # noqa: E402 - found where this checkout is
@@ -28,6 +29,7 @@ extensions = [
     "docs._extensions.from_code",
     "docs._extensions.from_root",
     "docs._extensions.mathml",
+    "docs._extensions.shown",
 ]
 exclude_patterns = ["images", "_*"]
 default_role = "code"  # one backtick in a docstring means what it does in Markdown
@@ -38,8 +40,10 @@ nitpick_ignore_regex = [("py:.*", r"(?!relloc_env\.|agents\.).*")]
 myst_enable_extensions = ["attrs_block", "colon_fence", "dollarmath"]
 myst_heading_anchors = 4  # links to headings are GitHub's
 
-# Executed again where the code of a notebook or of the packages has changed.
-_sources = sorted(path for room in ("relloc_env", "agents", "train") for path in (ROOT / room).rglob("*.py"))
+# Executed again where the code of a notebook or of the packages has changed, or what is set above.
+_sources = sorted(
+    [Path(__file__)] + [path for room in ("relloc_env", "agents", "train") for path in (ROOT / room).rglob("*.py")]
+)
 _digest = hashlib.sha256(b"".join(path.read_bytes() for path in _sources)).hexdigest()[:16]
 nb_execution_mode = "cache"
 nb_execution_cache_path = str(ROOT / ".cache" / "notebooks" / _digest)

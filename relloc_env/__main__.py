@@ -1,6 +1,8 @@
 """`python -m relloc_env`: the paper reproduced, recorded robots replayed, robots driven by hand."""
 
+import itertools
 import math
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -142,6 +144,32 @@ def play(
             run(session, size=size, theme="dark" if dark else "light", watch=watch)
     for path in session.written:
         typer.echo(f"Log: {path}; python -m relloc_env replay {path} --out {path}/replay")
+
+
+@app.command("compile")
+def fill_cache(
+    config: Annotated[
+        list[str] | None, typer.Option(help="Scenario, or file of options; may be given again. Default: both ids.")
+    ] = None,
+    estimator: Annotated[
+        list[str] | None, typer.Option(help="Name; may be given again. Default: that of each configuration.")
+    ] = None,
+) -> None:
+    """Compile the kernels ahead: before many processes start, or while a container is built."""
+    with _plain_errors(), _progress() as tell:
+        from relloc_env.config import load_config
+        from relloc_env.config.loading import TASKS
+        from relloc_env.envs import precompile
+
+        given = [(name, {"config": name}) for name in config or ()] or [(name, {"task": name}) for name in TASKS]
+        for (name, options), chosen in itertools.product(given, estimator or [None]):
+            words = ", ".join(filter(None, (name, chosen)))
+            tell(words, None)
+            start = time.perf_counter()
+            found = load_config(**options) if chosen is None else load_config(**options, estimator=chosen)
+            count = precompile.fill_cache(found)
+            what = f"{count} kernels compiled" if count else "nothing was missing"
+            typer.echo(f"{words}: {what} ({time.perf_counter() - start:.0f} s)")
 
 
 @app.command()

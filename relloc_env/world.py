@@ -9,7 +9,8 @@ environment alone, the robots wait far off between environments: one step there 
 go next they enter the space in the same order.
 
 A contact takes some ten calls of Chipmunk of about a microsecond each. Python would take longer to make them than they
-last, so that they are made from a compiled loop, which knows Chipmunk's functions by their addresses.
+last, so that they are made from a compiled loop, which knows Chipmunk's functions by their addresses, and writes into
+arrays that pymunk keeps to itself. Where pymunk has them otherwise, the same loop runs in Python, on pymunk's calls.
 """
 
 from __future__ import annotations
@@ -22,12 +23,13 @@ import numpy as np
 import pymunk
 from numba import types
 from numpy.typing import NDArray
-from pymunk._chipmunk_cffi import ffi, lib
 
 from relloc_env.kernels._compile import kernel
 from relloc_env.kernels.motion import wrap_angle
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from relloc_env.config import EnvConfig
     from relloc_env.kernels.world import World
 
@@ -43,6 +45,47 @@ FAR = 1e9
 _CORNERS = ((-1, -1), (1, -1), (1, 1), (-1, 1))
 
 
+_LAYOUT = {
+    "pmFloatArray": [("num", "int", 0), ("max", "int", 4), ("arr", "double *", 8)],
+    "pmBatchedData": [
+        ("intArray", "struct pmIntArray *", 0),
+        ("floatArray", "struct pmFloatArray *", 8),
+        ("fields", "enum pmBatchableBodyFields", 16),
+    ],
+}
+"""Structures of pymunk, and (name, type, offset) of each field."""
+
+
+def _fits() -> bool:
+    """Whether pymunk's inside is what the compiled loop goes by: two bodies are written and read."""
+    try:
+        laid = {name: [(k, f.type.cname, f.offset) for k, f in ffi.typeof(name).fields] for name in _LAYOUT}
+        if laid != _LAYOUT:
+            return False
+        space, written = pymunk.Space(), np.arange(18.0).reshape(3, 6)  # the third body is the space's own
+        bodies = [pymunk.Body(1.0, 1.0) for _ in range(2)]
+        space.add(*bodies)
+        floats, batch = _open_batch(written)
+        lib.cpSpaceEachBody(space._space, lib.pmSpaceBodySetIteratorFuncBatched, batch)  # noqa: SLF001 (as pymunk does)
+        found = [[*body.position, body.angle, *body.velocity, body.angular_velocity] for body in bodies]
+        floats.num, written[:] = 0, -1.0
+        lib.cpSpaceEachBody(space._space, lib.pmSpaceBodyGetIteratorFuncBatched, batch)  # noqa: SLF001 (as pymunk does)
+    except Exception:  # noqa: BLE001 (whatever changed, and however it shows)
+        return False
+    return bool(found == written[:2].tolist() == np.arange(12.0).reshape(2, 6).tolist())
+
+
+def _open_batch(bodies: NDArray[np.float64]) -> tuple[Any, Any]:
+    """What pymunk's batch functions write bodies from and read them into, and their argument; to be kept."""
+    floats = ffi.new("pmFloatArray *")
+    floats.arr = ffi.cast("cpFloat *", bodies.ctypes.data)
+    floats.max = bodies.size + 2  # never reached, so that pymunk never moves the array
+    batch = ffi.new("pmBatchedData *")
+    batch.floatArray = floats
+    batch.fields = lib.POSITION | lib.ANGLE | lib.VELOCITY | lib.ANGULAR_VELOCITY
+    return floats, batch
+
+
 def _address(name: str) -> int:
     """Address of one of Chipmunk's functions."""
     return int(ffi.cast("uintptr_t", ffi.addressof(lib, name)))
@@ -54,19 +97,35 @@ def _function(name: str, signature: Any) -> Any:
     return types.ExternalFunction(f"relloc_env_{name}", signature)
 
 
-_step = _function("cpSpaceStep", types.void(types.intp, types.float64))
-_each_body = _function("cpSpaceEachBody", types.void(types.intp, types.intp, types.intp))
+try:
+    from pymunk._chipmunk_cffi import ffi, lib
+except ImportError:
+    COMPILED = False
+else:
+    COMPILED = _fits()
+"""Whether contacts are solved from a compiled loop."""
+
+if COMPILED:
+    _step = _function("cpSpaceStep", types.void(types.intp, types.float64))
+    _each_body = _function("cpSpaceEachBody", types.void(types.intp, types.intp, types.intp))
+else:
+
+    def _step(space: pymunk.Space, dt: float) -> None:
+        space.step(dt)
+
+    def _each_body(_: pymunk.Space, act: Callable[[NDArray[np.float64]], None], bodies: NDArray[np.float64]) -> None:
+        act(bodies)
 
 
 class Chipmunk(NamedTuple):
-    """A space, as a kernel uses it."""
+    """A space, as a kernel uses it; objects of Python instead of their addresses, where that is not compiled."""
 
-    space: int
+    space: Any
     """Address of it."""
-    put: int
+    put: Any
     """Address of what writes bodies, `take` of what reads them, `batch` of their argument."""
-    take: int
-    batch: int
+    take: Any
+    batch: Any
     cursor: NDArray[np.int32]
     """(1,) how much of `bodies` they have gone through."""
     bodies: NDArray[np.float64]
@@ -79,7 +138,6 @@ class Chipmunk(NamedTuple):
     """[m] longest way in a substep."""
 
 
-@kernel
 def _solve(
     chipmunk: Chipmunk,
     pose: NDArray[np.float64],
@@ -126,6 +184,9 @@ def _solve(
         _step(space, dt / SUBSTEPS)
 
 
+_solve = kernel(_solve) if COMPILED else _solve
+
+
 class ContactSolver:
     """A pymunk space for one configuration, into which environments are loaded one at a time; for one thread."""
 
@@ -144,14 +205,16 @@ class ContactSolver:
                 length, width = obstacle.size
                 self._add(self._box(*obstacle.position, 0.5 * length, 0.5 * width, obstacle.angle))
         self._far = np.zeros((config.robots + 1, 6))
+        self._robots = []
         for r in range(config.robots):
             robot = config.robot_of(r)
             body = pymunk.Body(robot.mass, pymunk.moment_for_circle(robot.mass, 0.0, robot.radius))
             body.position = (FAR * (r + 1), FAR)
             self._far[r, :2] = body.position
             self._space.add(body)
+            self._robots.append(body)
             self._add(pymunk.Circle(body, robot.radius))
-        self._open_batch()
+        self._open()
 
     def __reduce__(self) -> tuple[type[ContactSolver], tuple[EnvConfig]]:
         return ContactSolver, (self._config,)  # nothing of what was solved is left: a copy is a new one
@@ -174,27 +237,37 @@ class ContactSolver:
         corners = [(x + i * a * cos - j * b * sin, y + i * a * sin + j * b * cos) for i, j in _CORNERS]
         return pymunk.Poly(self._space.static_body, corners)
 
-    def _open_batch(self) -> None:
-        """Set up what pymunk's batch functions write bodies from and read them into."""
+    def _open(self) -> None:
+        """Set up what writes the bodies and reads them."""
         self._bodies = self._far.copy()
-        self._floats = ffi.new("pmFloatArray *")
-        self._floats.arr = ffi.cast("cpFloat *", self._bodies.ctypes.data)
-        self._floats.max = self._bodies.size + 2  # never reached, so that pymunk never moves the array
-        self._batch = ffi.new("pmBatchedData *")
-        self._batch.floatArray = self._floats
-        self._batch.fields = lib.POSITION | lib.ANGLE | lib.VELOCITY | lib.ANGULAR_VELOCITY
         least = min(self._config.robot_of(r).radius for r in range(self._config.robots))
-        self._chipmunk = Chipmunk(
-            int(ffi.cast("uintptr_t", self._space._space)),  # noqa: SLF001 (pymunk's batch functions use it likewise)
-            _address("pmSpaceBodySetIteratorFuncBatched"),
-            _address("pmSpaceBodyGetIteratorFuncBatched"),
-            int(ffi.cast("uintptr_t", self._batch)),
-            np.frombuffer(ffi.buffer(self._floats), np.int32, 1),
-            self._bodies,
-            self._far,
-            self._dt,
-            STRIDE * least,
-        )
+        space: Any
+        put: Any
+        take: Any
+        batch: Any
+        if COMPILED:
+            self._floats, self._batch = _open_batch(self._bodies)
+            cursor = np.frombuffer(ffi.buffer(self._floats), np.int32, 1)
+            space, put, take, batch = (
+                int(ffi.cast("uintptr_t", self._space._space)),  # noqa: SLF001 (as pymunk's batch functions do)
+                _address("pmSpaceBodySetIteratorFuncBatched"),
+                _address("pmSpaceBodyGetIteratorFuncBatched"),
+                int(ffi.cast("uintptr_t", self._batch)),
+            )
+        else:
+            cursor = np.zeros(1, np.int32)
+            space, put, take, batch = (self._space, self._put, self._take, self._bodies)
+        self._chipmunk = Chipmunk(space, put, take, batch, cursor, self._bodies, self._far, self._dt, STRIDE * least)
+
+    def _put(self, bodies: NDArray[np.float64]) -> None:
+        """Give the robots the positions, angles, velocities and rates of the rows."""
+        for body, row in zip(self._robots, bodies.tolist(), strict=False):
+            body.position, body.angle, body.velocity, body.angular_velocity = row[:2], row[2], row[3:5], row[5]
+
+    def _take(self, bodies: NDArray[np.float64]) -> None:
+        """Read them."""
+        for n, body in enumerate(self._robots):
+            bodies[n] = (*body.position, body.angle, *body.velocity, body.angular_velocity)
 
     def solve_many(self, world: World, rows: NDArray[np.int64]) -> None:
         """Replace the pending poses of the environments `rows` by those that contacts allow.

@@ -5,9 +5,6 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).resolve().parents[1]
-
-
 # Set before anything imports numba, pygame or matplotlib.
 os.environ["SDL_VIDEODRIVER"] = "dummy"
 os.environ["SDL_AUDIODRIVER"] = "dummy"
@@ -23,9 +20,8 @@ os.environ["RELLOC_ONE_PROCESS"] = "1"
 
 @pytest.fixture(scope="session")
 def data_dir() -> Path:
-    """Folder with the recorded data (`mrclam/`, `starloc/`): RELLOC_DATA, or ../shared/data beside the project."""
+    """Folder with the recorded data (`mrclam/`, `starloc/`): RELLOC_DATA."""
     given = os.environ.get("RELLOC_DATA")
-    path = Path(given) if given else ROOT.parent / "shared" / "data"
-    if not path.is_dir():
-        pytest.skip(f"no recorded data: RELLOC_DATA is {given!r} and the project has no ../shared/data beside it")
-    return path
+    if not given or not Path(given).is_dir():
+        pytest.skip(f"no recorded data: RELLOC_DATA is {given!r}")
+    return Path(given)

@@ -1,7 +1,8 @@
 """The first compilation on two cores: a second process compiles the estimator and the motion meanwhile.
 
 numba compiles one kernel at a time in a process. What the other process stores in the cache, this one loads. It is help
-and no more: where it cannot be started or does not end, this process compiles everything.
+and no more: where it cannot be started or does not end, this process compiles everything. `fill_cache` compiles ahead
+of the first environment: before many processes start, or while a container is built.
 """
 
 import json
@@ -15,7 +16,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numba.core.dispatcher import Dispatcher
 
+from relloc_env.config import EnvConfig
 from relloc_env.envs.threads import cores
 from relloc_env.estimators.config import OwnConfig
 from relloc_env.kernels._compile import QUIET, announce, is_awaited, is_set
@@ -92,3 +95,29 @@ def help_out(config: dict[str, object]) -> None:
         estimator.update(simulation.samples, _NONE)
         estimator.reset(simulation.prior, _NONE)
     simulation.step(np.zeros((1, core.config.robots, 2)), _NONE)
+
+
+def fill_cache(config: EnvConfig) -> int:
+    """Compile whatever environments of a configuration need, one or many of them, and return how much was missing.
+
+    Raises:
+        OSError: there is no folder where compiled kernels can be kept.
+    """
+    from relloc_env.envs.core import Core
+    from relloc_env.world import ContactSolver
+
+    start = time.time() - 0.1  # the clock of a file may be a little behind
+    core = Core(config)
+    core.reset(core.everyone, [0])
+    core.step(np.zeros((1, *core.last_action.shape[1:])), core.everyone)
+    ContactSolver(config).solve_many(core.simulation.world, _NONE)
+    folders = set(map(Path, filter(None, (each.stats.cache_path for each in _kernels() if each.signatures))))
+    if not folders:
+        raise OSError("There is no folder for compiled kernels that can be written: let NUMBA_CACHE_DIR name one")
+    return sum(file.stat().st_mtime >= start for folder in folders for file in folder.glob("*.nbc"))
+
+
+def _kernels() -> set[Dispatcher]:
+    """All kernels of this package that were imported."""
+    modules = [module for name, module in sys.modules.items() if name.partition(".")[0] == "relloc_env"]
+    return {value for module in modules for value in vars(module).values() if isinstance(value, Dispatcher)}

@@ -73,7 +73,8 @@ def compiled(function: Callable[..., Any], options: dict[str, Any], as_part: dic
     options = {**options, "no_cfunc_wrapper": True}
     found: Any = numba.njit(**options)(function)
     found.__class__ = _Kernel
-    found.part = numba.njit(**options, **as_part, no_cpython_wrapper=True, pipeline_class=_PartCompiler)(function)
+    part: dict[str, Any] = {**options, **as_part, "no_cpython_wrapper": True, "pipeline_class": _PartCompiler}
+    found.part = numba.njit(**part)(function)
     cache: _KernelCache | _NoCache
     try:
         cache = _KernelCache(function)
@@ -91,6 +92,7 @@ class _Kernel(CPUDispatcher):
     """
 
     part: Any
+    _cache: "_KernelCache | _NoCache"
 
     def compile(self, sig: Any) -> Any:
         """Compile one signature, or load it; meanwhile other processes wait."""

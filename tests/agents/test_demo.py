@@ -95,6 +95,13 @@ class TestFindLogs:
         (tmp_path / "starloc" / "zigzag_s4").mkdir(parents=True)
         assert [found.path for found in demo.find_logs(None)] == [tmp_path / "starloc" / "zigzag_s4"]
 
+    def test_nowhere_but_where_the_variable_says(self, monkeypatch):
+        for value in ("", None):
+            monkeypatch.delenv("RELLOC_DATA", raising=False)
+            if value is not None:
+                monkeypatch.setenv("RELLOC_DATA", value)
+            assert demo.find_logs(None) == []
+
     def test_given(self, tmp_path):
         (found,) = demo.find_logs(tmp_path / "MRCLAM_Dataset7")
         assert found.options["robots"] == (2, 3)

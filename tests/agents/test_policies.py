@@ -1,7 +1,10 @@
+from pathlib import Path
+
 import gymnasium as gym
 import numpy as np
 import pytest
 
+import agents
 import relloc_env
 from agents import AGENTS, Task, make, scripted
 from agents.feedback import Edge
@@ -193,6 +196,13 @@ class TestNames:
     def test_unknown_name_is_told_with_a_suggestion(self, task):
         with pytest.raises(ValueError, match="Unknown agent `edgy`; did you mean `edge`"):
             make("edgy", task)
+
+    def test_unknown_name_is_told_with_every_known_one(self, task):
+        with pytest.raises(ValueError, match="Unknown agent `nobody`") as told:
+            make("nobody", task)
+        for policy in Path(agents.__file__).parent.glob("policies/*.onnx"):
+            assert f"learned:{policy.stem}" in str(told.value)
+        assert set(AGENTS) < set(str(told.value).replace(",", " ").split())
 
     def test_dict_observations_are_refused(self):
         with pytest.raises(ValueError, match='must have `observation="flat"`'):

@@ -10,11 +10,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from typer.testing import CliRunner
 
+from relloc_env.__main__ import app
 from relloc_env.config import load_config
 from relloc_env.envs import precompile
 from relloc_env.envs.core import Core
 from relloc_env.envs.threads import cores
+from relloc_env.kernels._compile import QUIET
 
 
 class _Started:
@@ -126,3 +129,50 @@ def test_there_is_none_where_that_is_not_wanted_or_no_help(
     Core(load_config({"estimator": "cascade"}), 1, own)
     Core(load_config({"camera": {"kind": "image", "image": {"detector": _Blind}}}))
     assert not started
+
+
+EVERYTHING = """
+import gymnasium as gym, numpy as np, relloc_env
+
+for name in ("ActiveDepth", "RelativePose"):
+    env = gym.make(f"relloc_env/{name}-v0")
+    env.reset(seed=0)
+    env.step(env.action_space.sample())
+    many = gym.make_vec(f"relloc_env/{name}-v0", 3)
+    many.reset(seed=0)
+    for _ in range(130):  # to the wall, and over the end of an episode
+        many.step(np.ones(many.action_space.shape, np.float32) * 0.9)
+    near = {"poses": [(4.0, r, 0.0) for r in range(many.config.robots)], "points": [(9.0, 0.1, 0.5), (9.0, 0.8, 0.5)]}
+    env = relloc_env.parallel_env(task=f"relloc_env/{name}-v0", shield=None, **near)
+    env.reset(seed=0)
+    for _ in range(20):
+        *_, info = env.step({robot: [1.0, 0.0] for robot in env.agents})
+    assert env.unwrapped.state() is not None
+"""
+
+
+def test_the_command_compiles_all_that_environments_need() -> None:
+    """After it, the ids say nothing of compiling, in a fresh process, alone or side by side, in contact too."""
+    done = CliRunner().invoke(app, ["compile"])
+    assert done.exit_code == 0, done.output
+    assert [line.partition(":")[0] for line in done.output.splitlines()] == [
+        "relloc_env/ActiveDepth-v0",
+        "relloc_env/RelativePose-v0",
+    ]
+    environment = {key: value for key, value in os.environ.items() if key != QUIET}
+    after = subprocess.run(
+        [sys.executable, "-c", EVERYTHING], env=environment, capture_output=True, text=True, check=True
+    )
+    assert after.stderr == ""
+    again = CliRunner().invoke(app, ["compile", "--config", "paper-simulation", "--estimator", "cascade"])
+    assert again.output.startswith("paper-simulation, cascade: ")
+    again = CliRunner().invoke(app, ["compile"])
+    assert again.output.count("nothing was missing") == 2
+
+
+def test_the_command_says_where_nothing_can_be_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(precompile, "_kernels", set)
+    done = CliRunner().invoke(app, ["compile"])
+    assert done.exit_code == 2
+    assert "NUMBA_CACHE_DIR" in done.output
+    assert CliRunner().invoke(app, ["compile", "--estimator", "cascad"]).exit_code == 2

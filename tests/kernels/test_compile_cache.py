@@ -51,8 +51,10 @@ def start(package: Path, code: str, **variables: str) -> "subprocess.Popen[str]"
     """A fresh process."""
     environment = {k: v for k, v in os.environ.items() if k not in ("NUMBA_CACHE_DIR", compile_module.QUIET)}
     environment |= {"PYTHONPATH": str(package.parent), "PYTHONDONTWRITEBYTECODE": "1", **variables}
-    piped = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
-    return subprocess.Popen([sys.executable, "-c", code], cwd=package.parent, env=environment, **piped)
+    command, pipe = [sys.executable, "-c", code], subprocess.PIPE
+    return subprocess.Popen(
+        command, cwd=package.parent, env=environment, stdin=pipe, stdout=pipe, stderr=pipe, text=True
+    )
 
 
 def run(package: Path, code: str = RUN, **variables: str) -> tuple[int, bool, str]:
@@ -158,18 +160,7 @@ def holder(package: Path, tmp_path: Path):
 def test_of_four_processes_one_compiles(package: Path, tmp_path: Path) -> None:
     """All four are ready before the first may go on."""
     wait = "import sys, relloc_env.outer; print('ready', flush=True); input(); "
-    environment = os.environ | {"PYTHONPATH": str(package.parent), "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
-    four = [
-        subprocess.Popen(
-            [sys.executable, "-c", wait + RUN],
-            cwd=package.parent,
-            env=environment,
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
-        )
-        for _ in range(4)
-    ]
+    four = [start(package, wait + RUN, NUMBA_CACHE_DIR=str(tmp_path / "cache")) for _ in range(4)]
     for process in four:
         assert process.stdout is not None
         assert process.stdout.readline() == "ready\n"
