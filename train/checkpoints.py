@@ -10,7 +10,7 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.save_util import recursive_getattr
 from stable_baselines3.common.vec_env import VecNormalize
 
-from train.whole import whole
+from relloc_env.files import whole
 from train.worlds import Worlds
 
 _KEPT = (

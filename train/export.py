@@ -16,8 +16,8 @@ from stable_baselines3.common.torch_layers import FlattenExtractor
 
 import relloc_env
 from agents.learned import INPUT, OUTPUT
+from relloc_env.files import whole, write_json
 from train.config import TrainConfig
-from train.whole import whole, write_json
 
 OPSET = 21
 _ACTIVATIONS = {torch.nn.Tanh: "Tanh", torch.nn.ReLU: "Relu", torch.nn.ELU: "Elu"}

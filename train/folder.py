@@ -9,8 +9,8 @@ import yaml
 
 from agents.learned import POLICIES, read_card
 from relloc_env.config import ConfigError
+from relloc_env.files import write_whole
 from train.config import TrainConfig, load
-from train.whole import write_text
 
 CONFIG, CHECKPOINT, EVALUATION, SCRIPTS = "config.yaml", "checkpoint.pt", "evaluation.jsonl", "scripts.json"
 POLICY, SAVED, DONE = "policy.onnx", "policy.zip", "done.json"
@@ -32,9 +32,9 @@ def claim(config: TrainConfig, out: Path, command: str = "") -> None:
                 f"Argument `out` must be a folder of its own: the run in {out} has other values of {', '.join(differ)}"
             )
     else:
-        write_text(path, yaml.safe_dump(config.to_dict(), sort_keys=False))
+        write_whole(path, yaml.safe_dump(config.to_dict(), sort_keys=False))
     if command and not (out / COMMAND).exists():
-        write_text(out / COMMAND, command + "\n")
+        write_whole(out / COMMAND, command + "\n")
 
 
 def command_of(out: Path) -> str:

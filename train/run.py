@@ -16,6 +16,7 @@ from torch.utils.tensorboard import SummaryWriter
 from agents.learned import NORMALISATION
 from agents.policy import Policy, Task
 from relloc_env.config import ConfigError
+from relloc_env.files import whole, write_json, write_whole
 from relloc_env.scenarios import SEEDS
 from train import checkpoints, export
 from train.config import TrainConfig
@@ -34,7 +35,6 @@ from train.evaluation import (
 from train.folder import CHECKPOINT, DONE, EVALUATION, POLICY, SAVED, SCRIPTS, claim, command_of
 from train.models import build, sound
 from train.progress import Show
-from train.whole import whole, write_json, write_text
 
 SCORED = ("information_10s", "information_mean", "information_end", "change_speed", "change_yaw_rate")
 """Scores that are drawn in TensorBoard."""
@@ -116,7 +116,7 @@ class Run:
         path = self._out / SCRIPTS
         if not path.exists():
             found = compare(self.config, tell=lambda name: self._show.doing(f"plays {name}"))
-            write_text(path, json.dumps({name: means(each) for name, each in found.items()}))
+            write_whole(path, json.dumps({name: means(each) for name, each in found.items()}))
         scripts: dict[str, dict[str, float]] = json.loads(path.read_text(encoding="utf-8"))
         return scripts
 

@@ -9,10 +9,10 @@ import yaml
 from optuna.trial import FrozenTrial, TrialState
 
 from relloc_env.config import ConfigError, put
+from relloc_env.files import write_whole
 from train.config import TrainConfig, load
 from train.folder import claim
 from train.run import DivergedError, Run
-from train.whole import write_text
 
 STUDY, BEST, FOLDER = "study.db", "best.yaml", "folder"
 Tell = Callable[[str], None]
@@ -56,7 +56,7 @@ def tune(config: TrainConfig, trials: int, out: Path, tell: Tell) -> Path:
     best = study.best_trial
     found = _with(config, {name: each.draw(best, name) for name, each in config.search.items()}).to_dict()
     path = out / BEST
-    write_text(path, yaml.safe_dump(found, sort_keys=False))
+    write_whole(path, yaml.safe_dump(found, sort_keys=False))
     return path
 
 
