@@ -1,5 +1,6 @@
 """Files that are put in their places whole."""
 
+import ast
 import os
 import subprocess
 import sys
@@ -64,3 +65,25 @@ def test_what_is_no_json_is_said_with_the_files_name(data: str, tmp_path: Path) 
     path.write_text(data, encoding="latin-1")
     with pytest.raises(ValueError, match=r"odd\.json must be JSON, but"):
         read_json(path)
+
+
+PROJECT = Path(__file__).parents[1]
+ROOMS = ("relloc_env", "agents", "train", "benchmarks", "docs/figures")
+SOURCES = [path for room in ROOMS for path in (PROJECT / room).rglob("*.py")]
+WRITERS = {"write_text", "write_bytes", "savefig", "savez", "savez_compressed", "savetxt", "write_frames", "to_csv"}
+OPEN_FILES = {"partial", "buffer", "file"}
+"""What a path inside `whole` is called, and what is written to there."""
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=lambda path: str(path.relative_to(PROJECT)))
+def test_every_file_is_put_in_place_whole(path: Path) -> None:
+    """By the names of what writes: each has to be given the path that `whole` yields."""
+    if path.name == "files.py" or "replay" in path.parts:
+        return
+    for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+        if not isinstance(node, ast.Call) or not isinstance(node.func, ast.Attribute):
+            continue
+        modes = [each.value for each in node.args if isinstance(each, ast.Constant)]
+        if node.func.attr in WRITERS or (node.func.attr == "open" and any(str(mode)[:1] in "wx" for mode in modes)):
+            names = {each.id for each in ast.walk(node) if isinstance(each, ast.Name)}
+            assert names & OPEN_FILES, f"{path.name}:{node.lineno}: {ast.unparse(node)}"

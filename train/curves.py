@@ -11,6 +11,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from agents.learned import read_card
+from relloc_env.files import whole
 from train.config import TrainConfig, load
 from train.folder import CONFIG, EVALUATION, POLICY
 
@@ -49,7 +50,8 @@ def curves(runs: Sequence[Path], out: Path) -> None:
         for axis, (name, group) in zip(axes, panels, strict=False):
             _panel(axis, name, group)
         out.parent.mkdir(parents=True, exist_ok=True)
-        figure.savefig(out, metadata={"Date": None} if out.suffix == ".svg" else None)
+        with whole(out) as partial:
+            figure.savefig(partial, metadata={"Date": None} if out.suffix == ".svg" else None)
 
 
 def _panel(axis: Any, name: str, group: Sequence[tuple[TrainConfig, list[dict[str, Any]]]]) -> None:

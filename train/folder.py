@@ -1,7 +1,5 @@
 """The folder of a run: its files, and whose it is."""
 
-import json
-import shutil
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +7,7 @@ import yaml
 
 from agents.learned import POLICIES, read_card
 from relloc_env.config import ConfigError
-from relloc_env.files import write_whole
+from relloc_env.files import write_json, write_whole
 from train.config import TrainConfig, load
 
 CONFIG, CHECKPOINT, EVALUATION, SCRIPTS = "config.yaml", "checkpoint.pt", "evaluation.jsonl", "scripts.json"
@@ -64,6 +62,6 @@ def ship(out: Path, name: str) -> Path:
         raise ConfigError(f"Argument `RUN` must be a run with a {POLICY}, but {out} has none")
     POLICIES.mkdir(exist_ok=True)
     card = read_card(out / POLICY) | {"name": name}
-    shutil.copy(out / POLICY, POLICIES / f"{name}.onnx")
-    (POLICIES / f"{name}.json").write_text(json.dumps(card, indent=1) + "\n", encoding="utf-8")
+    write_json(POLICIES / f"{name}.json", card)
+    write_whole(POLICIES / f"{name}.onnx", (out / POLICY).read_bytes())
     return POLICIES / f"{name}.onnx"

@@ -1,6 +1,5 @@
 """The page: everything together, and the file it is written to."""
 
-import json
 import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -17,6 +16,7 @@ from agents.report.films import film
 from agents.report.maps import maps
 from agents.report.summary import plain, summarise
 from agents.results import Result, failures, load, of
+from relloc_env.files import write_json, write_whole
 from relloc_env.metrics import chi2_quantile
 
 CHOSEN = 3
@@ -51,7 +51,7 @@ def report(out: Path, *, animations: bool = True, tell: Tell = lambda *_: None, 
         warn(f"failed, and is not on the page: {failure}")
     tell("tables", 0.0)
     summary = summarise(asked, results, failed, out)
-    (out / "summary.json").write_text(json.dumps(plain(summary), indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    write_json(out / "summary.json", plain(summary), allow_nan=False)
     places = {name: k for k, name in enumerate(summary["ranking"])}
     suites = []
     for k, name in enumerate(summary["suites"]):
@@ -72,7 +72,7 @@ def report(out: Path, *, animations: bool = True, tell: Tell = lambda *_: None, 
         film_of=_film_of(asked, results, films),
     )  # fmt: skip
     place = out / "report.html"
-    place.write_text(page, encoding="utf-8")
+    write_whole(place, page)
     tell("", 1.0)
     return place
 

@@ -13,6 +13,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from relloc_env.files import whole, write_json
 from relloc_env.logs.errors import LogError
 from relloc_env.logs.source import Log, Truth
 from relloc_env.logs.tables import line_of_row, read_table, read_text
@@ -46,7 +47,7 @@ def _plain(array: NDArray[Any]) -> Any:
 
 
 def _write_csv(path: Path, names: Sequence[str], table: Float, formats: Sequence[str]) -> None:
-    with path.open("w", encoding="utf-8", newline="\n") as file:
+    with whole(path) as partial, partial.open("w", encoding="utf-8", newline="\n") as file:
         np.savetxt(file, table, fmt=list(formats), delimiter=",", header=",".join(names), comments="")
 
 
@@ -105,7 +106,7 @@ def write_log(path: str | Path, log: Log) -> Path:
         else {"points": _plain(truth.points), "sensed_depth": truth.sensed_depth is not None},
         "configuration": dict(log.configuration),
     }
-    (folder / HEADER).write_text(json.dumps(header, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    write_json(folder / HEADER, header, allow_nan=False)
     return folder
 
 
