@@ -124,6 +124,8 @@ def benchmark(
             run(asked, out, cores=cores, tell=tell)
     except (TypeError, ValueError, OSError) as error:
         _stop(str(error))
+    except KeyboardInterrupt:
+        _stop("Stopped; the same command goes on")
     for name, which in asked.unfit().items():
         typer.echo(f"Left out, since `{name}` was not made for it: {', '.join(which)}")
     typer.echo(f"Results: {out}. Make the page of them: python -m agents report {out}")

@@ -139,6 +139,8 @@ def evaluate(
             page = report(out, animations=animations, tell=tell)
     except (ValueError, OSError) as error:
         _stop(str(error))
+    except KeyboardInterrupt:
+        _stop("Stopped; the same command goes on")
     typer.echo(f"Page: {page}; every figure of its tables: {page.with_name('summary.json')}")
 
 

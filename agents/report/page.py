@@ -37,12 +37,12 @@ def report(out: Path, *, animations: bool = True, tell: Tell = lambda *_: None, 
         out: folder that `agents.benchmark.benchmark` has filled.
         animations: whether each agent's first episode is drawn, which takes some seconds each.
         tell: told what is being done.
-        warn: told which jobs of the benchmark have failed, and which films cannot be drawn.
+        warn: told which jobs of the benchmark have failed, which results are damaged, and which films are not drawn.
 
     Raises:
         ValueError: a folder without results.
     """
-    asked, results = load(out)
+    asked, results = load(out, warn)
     failed = failures(out)
     if not results:
         what = f"; failed: {'; '.join(map(str, failed))}" if failed else " yet"
