@@ -10,7 +10,7 @@ from relloc_env.config import ConfigError
 from relloc_env.files import write_json, write_whole
 from train.config import TrainConfig, load
 
-CONFIG, CHECKPOINT, EVALUATION, SCRIPTS = "config.yaml", "checkpoint.pt", "evaluation.jsonl", "scripts.json"
+CONFIG, CHECKPOINT, EVALUATION, SCRIPTS = "config.yaml", "checkpoint.npz", "evaluation.jsonl", "scripts.json"
 POLICY, SAVED, DONE = "policy.onnx", "policy.zip", "done.json"
 COMMAND = "command.txt"
 
@@ -24,7 +24,7 @@ def claim(config: TrainConfig, out: Path, command: str = "") -> None:
     out.mkdir(parents=True, exist_ok=True)
     path = out / CONFIG
     if path.exists():
-        differ = sorted(_differing(load(path).to_dict(), config.to_dict()))
+        differ = sorted(_differing(load(path, trust=True).to_dict(), config.to_dict()))
         if differ:
             raise ConfigError(
                 f"Argument `out` must be a folder of its own: the run in {out} has other values of {', '.join(differ)}"

@@ -17,6 +17,7 @@ from agents.learned import NORMALISATION
 from agents.policy import Policy, Task
 from relloc_env.config import ConfigError
 from relloc_env.files import whole, write_json, write_whole
+from relloc_env.places import code_in
 from relloc_env.scenarios import SEEDS
 from train import checkpoints, export
 from train.config import TrainConfig
@@ -99,7 +100,7 @@ class Run:
         self._journal = Journal(out / EVALUATION)
         path = out / CHECKPOINT
         if path.exists():
-            state = checkpoints.read(path)
+            state = checkpoints.read(path, code_in(config.to_dict()))
             checkpoints.restore(self.model, state["model"])
             self.best, self._evaluated, self._saved = state["best"], state["evaluated"], state["saved"]
             self._seconds = state["seconds"]
@@ -176,7 +177,7 @@ class Run:
         score = value(found, evaluation.score)
         if "policy" not in self.best or score > self.best["score"]:  # a time of what never happens is -inf
             normaliser = self.model.get_vec_normalize_env()
-            statistics = deepcopy(normaliser.obs_rms) if normaliser is not None else None
+            statistics = deepcopy(vars(normaliser.obs_rms)) if normaliser is not None else None
             policy = {name: value.clone() for name, value in self.model.policy.state_dict().items()}
             self.best = {"score": score, "steps": self.steps, "policy": policy, "statistics": statistics}
         script = self.script
@@ -201,7 +202,7 @@ class Run:
         self.model.policy.load_state_dict(self.best["policy"])
         normaliser = self.model.get_vec_normalize_env()
         if normaliser is not None:
-            normaliser.obs_rms = self.best["statistics"]
+            normaliser.obs_rms = checkpoints.running(self.best["statistics"])
 
     def finish(self) -> Path:
         """Write the best policy: as Stable-Baselines3's files, as ONNX with its card, and as a film."""
