@@ -93,6 +93,18 @@ def refuse_agents(names: Iterable[str], path: str | Path) -> None:
             )
 
 
+def refuse_pickled(names: Iterable[str]) -> None:
+    """Raise where names given by a user are of policies that are pickled: it is not plain that these run code.
+
+    Raises:
+        UntrustedError: they are.
+    """
+    for name in names:
+        if name.startswith(PREFIX) and runs_code(name):
+            path = name.removeprefix(PREFIX)
+            raise UntrustedError(f"{path} is pickled, which runs whatever code is in it: say `--trust` if you trust it")
+
+
 def needs(name: str) -> dict[str, Any]:
     """Return options of the environment without which the agent of this name cannot act in it."""
     return options(name.removeprefix(PREFIX)) if name.startswith(PREFIX) else {}

@@ -6,6 +6,7 @@ from typing import Annotated, NoReturn
 import typer
 from rich.console import Console
 
+from relloc_env.console import lenient
 from relloc_env.files import write_json
 
 app = typer.Typer(
@@ -156,4 +157,5 @@ def _stop(message: str) -> NoReturn:
 
 
 if __name__ == "__main__":
+    lenient()
     app()

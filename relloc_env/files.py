@@ -33,9 +33,9 @@ def whole(path: str | Path) -> Iterator[Path]:
 
 
 def write_whole(path: str | Path, data: bytes | str) -> None:
-    """Write bytes, or a text as UTF-8 with the line ends that it has."""
+    """Write bytes, or a text as UTF-8, its line ends as they are, and names of files too that are not UTF-8."""
     with whole(path) as partial:
-        partial.write_bytes(data if isinstance(data, bytes) else data.encode())
+        partial.write_bytes(data if isinstance(data, bytes) else data.encode("utf-8", "surrogateescape"))
 
 
 def write_json(path: str | Path, data: Any, **options: Any) -> None:

@@ -8,6 +8,7 @@ import optuna
 import yaml
 from optuna.trial import FrozenTrial, TrialState
 
+from agents.alone import alone
 from relloc_env.config import ConfigError, put
 from relloc_env.files import write_whole
 from train.config import TrainConfig, load
@@ -35,9 +36,16 @@ def tune(config: TrainConfig, trials: int, out: Path, tell: Tell) -> Path:
 
     Raises:
         ConfigError: nothing to search, or a folder of another study.
+        ValueError: another process works on it.
     """
     if not config.search:
         raise ConfigError("Argument `search` must name what to search, but is empty")
+    with alone(out):
+        return _tune(config, trials, out, tell)
+
+
+def _tune(config: TrainConfig, trials: int, out: Path, tell: Tell) -> Path:
+    """As `tune`, in a folder that nobody else works on."""
     claim(config, out)
     optuna.logging.set_verbosity(optuna.logging.WARNING)
     study = optuna.create_study(
@@ -87,7 +95,7 @@ def _one(study: optuna.Study, config: TrainConfig, out: Path) -> FrozenTrial:
 def _play(trial: optuna.Trial, config: TrainConfig, out: Path) -> float:
     """One trial: the best score on the validation episodes."""
     values = {name: each.draw(trial, name) for name, each in config.search.items()}
-    folder = trial.user_attrs.get(FOLDER, _folder(trial))
+    folder = Path(trial.user_attrs.get(FOLDER, _folder(trial))).name  # within the study, whatever its file says
     trial.set_user_attr(FOLDER, folder)
     chosen = _with(config, values)
     claim(chosen, out / folder)

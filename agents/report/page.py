@@ -30,12 +30,21 @@ Warn = Callable[[str], None]
 """Called with a line about what is amiss."""
 
 
-def report(out: Path, *, animations: bool = True, tell: Tell = lambda *_: None, warn: Warn = lambda _: None) -> Path:
+def report(
+    out: Path,
+    *,
+    animations: bool = True,
+    trust: bool = False,
+    tell: Tell = lambda *_: None,
+    warn: Warn = lambda _: None,
+) -> Path:
     """Write `report.html` and `summary.json` into a folder of results; return the page's place.
 
     Args:
         out: folder that `agents.benchmark.benchmark` has filled.
         animations: whether each agent's first episode is drawn, which takes some seconds each.
+        trust: whether those are drawn too for which code runs that the folder names: agents, estimators and detectors
+            that are not the project's, pickled policies.
         tell: told what is being done.
         warn: told which jobs of the benchmark have failed, which results are damaged, and which films are not drawn.
 
@@ -62,7 +71,7 @@ def report(out: Path, *, animations: bool = True, tell: Tell = lambda *_: None, 
     for k, name in enumerate(places if animations else ()):
         tell(f"film: {name}", 0.6 + 0.4 * k / len(places))
         try:
-            films[name] = film(_filmed(asked, results, name).job)
+            films[name] = film(_filmed(asked, results, name).job, trust=trust)
         except Exception as error:  # noqa: BLE001 - anyone's agent may raise anything, or be there no more
             unfilmed[name] = f"{type(error).__name__}: {error}"
             warn(f"no film of {name}: {unfilmed[name]}")
