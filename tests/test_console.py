@@ -1,10 +1,12 @@
 """Consoles that have no letters but ASCII's: commands print what they can, and end well."""
 
+import contextlib
 import os
 import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 import typer
 
@@ -12,6 +14,8 @@ from agents.__main__ import app as agents
 from benchmarks.__main__ import app as benchmarks
 from docs.figures.__main__ import main as figures
 from relloc_env.__main__ import app as relloc_env
+from relloc_env.envs.centralised import RellocEnv
+from relloc_env.wrappers import RecordLog
 from train.__main__ import app as train
 
 ROOT = Path(__file__).parents[1]
@@ -55,3 +59,8 @@ def test_results_are_told(console: str, tmp_path: Path) -> None:
     assert "| straight" in run(console, "agents", "tables", out).replace("`", "")
     assert "report.html" in run(console, "agents", "report", out, "--no-animations")
     run(console, "benchmarks", "profile", "--num-envs", "2", "--seconds", "0", "--out", out)
+    with contextlib.closing(RecordLog(RellocEnv(max_cycles=4), out)) as env:
+        env.reset(seed=3)
+        for _ in range(4):
+            env.step(np.array([1.0, 0.1, 1.0, -0.1], np.float32))
+    assert "cascade" in run(console, "relloc_env", "replay", out / "episode_000", "--out", out / "replay")
