@@ -5,9 +5,15 @@ from typing import Annotated, NoReturn
 
 import typer
 
+from relloc_env.console import lenient
+
 Options = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="OPTION=VALUE", help="Of the environment, over those of the suite: camera=image"),
+]
+
+Trust = Annotated[
+    bool, typer.Option("--trust", help="Run code that files name, and read pickled ones: of people you trust alone.")
 ]
 
 app = typer.Typer(
@@ -57,16 +63,19 @@ def film(
     rerun: Annotated[
         Path | None, typer.Option(help="A file, .rrd, of the first motion for the viewer of Rerun (extra: rerun).")
     ] = None,
+    trust: Trust = False,
 ) -> None:
     """Draw one episode of one agent, or of two from the same start."""
     try:
         from agents.film import film as draw
         from agents.jobs import shown_in
-        from agents.registry import agent, short
+        from agents.registry import agent, refuse_pickled, short
     except ModuleNotFoundError as error:
         _stop(f"The package `{error.name}` is missing: pip install -e '.[agents,logs]'")
     try:
         shown = [motion] if beside is None else [motion, beside]
+        if not trust:
+            refuse_pickled(shown)
         called = names(titles) or tuple(map(short, shown))
         if len(called) != len(shown):
             _stop(f"Argument `titles` must have one for each of {len(shown)} agents, but has {len(called)}")
@@ -100,13 +109,14 @@ def benchmark(
     seeds: Annotated[str, typer.Option(help="Set of seeds: train, validation or test.")] = "test",
     options: Options = None,
     cores: Annotated[int | None, typer.Option(min=1, help="Cores to use; default: all.")] = None,
+    trust: Trust = False,
 ) -> None:
     """Play agents on suites of scenarios and score what they make known. Stopped, it goes on where it was."""
     try:
         from agents.benchmark import benchmark as run
         from agents.jobs import Asked
         from agents.progress import bar
-        from agents.registry import AGENTS
+        from agents.registry import AGENTS, refuse_pickled
         from relloc_env.scenarios import SUITES
     except ModuleNotFoundError as error:
         _stop(f"The package `{error.name}` is missing: pip install -e '.[agents]'")
@@ -120,10 +130,14 @@ def benchmark(
         options=tuple(options or ()),
     )
     try:
+        if not trust:
+            refuse_pickled(asked.agents)
         with bar() as tell:
             run(asked, out, cores=cores, tell=tell)
     except (TypeError, ValueError, OSError) as error:
         _stop(str(error))
+    except KeyboardInterrupt:
+        _stop("Stopped; the same command goes on")
     for name, which in asked.unfit().items():
         typer.echo(f"Left out, since `{name}` was not made for it: {', '.join(which)}")
     typer.echo(f"Results: {out}. Make the page of them: python -m agents report {out}")
@@ -133,6 +147,7 @@ def benchmark(
 def report(
     out: Annotated[Path, typer.Argument(help="Folder that `benchmark` has filled.", metavar="DIR")],
     animations: Annotated[bool, typer.Option(help="Draw an episode of each agent, some seconds each.")] = True,
+    trust: Trust = False,
 ) -> None:
     """Make the page about a folder of results, report.html in it, and summary.json with every figure of its tables."""
     try:
@@ -143,7 +158,7 @@ def report(
     amiss: list[str] = []
     try:
         with bar() as tell:
-            page = make(out, animations=animations, tell=tell, warn=amiss.append)
+            page = make(out, animations=animations, trust=trust, tell=tell, warn=amiss.append)
     except (ValueError, OSError) as error:
         _stop(str(error))
     for line in amiss:
@@ -185,4 +200,5 @@ def _stop(message: str) -> NoReturn:
 
 
 if __name__ == "__main__":
+    lenient()
     app()

@@ -3,18 +3,19 @@
 import os
 import time
 from collections.abc import Callable, Generator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, Future, wait
 from contextlib import closing
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from agents.alone import alone
 from agents.jobs import Asked, Job
 from agents.playing import CURVES, SCORES, play, quartiles
 from agents.registry import agent
 from agents.results import Failure, Result, claim, done, note_failures
+from agents.workers import pool
 from relloc_env.samples import Float
 
 BATCH = 500
@@ -30,11 +31,16 @@ def benchmark(asked: Asked, out: Path, *, cores: int | None = None, tell: Tell =
     """Do whatever is asked for and not there yet; return the files of all results.
 
     Raises:
-        ValueError: names that are none, a folder that holds the results of something else, or, once all else is done,
-            jobs that failed.
+        ValueError: names that are none, a folder that holds the results of something else or that another process
+            works on, or, once all else is done, jobs that failed.
     """
     asked.check()
-    out.mkdir(parents=True, exist_ok=True)
+    with alone(out):
+        return _benchmark(asked, out, cores, tell)
+
+
+def _benchmark(asked: Asked, out: Path, cores: int | None, tell: Tell) -> list[Path]:
+    """As `benchmark`, in a folder that nobody else works on."""
     claim(asked, out)
     unfit = asked.unfit()
     jobs = [job for job in asked.jobs() if job.suite not in unfit.get(job.agent, ())]
@@ -68,17 +74,13 @@ def _one_by_one(jobs: Sequence[Job], out: Path, cores: int | None) -> Over:
 
 def _side_by_side(jobs: Sequence[Job], out: Path, workers: int) -> Over:
     """Do jobs in processes of their own."""
-    with ProcessPoolExecutor(workers, get_context("spawn")) as pool:
+    with pool(workers) as executor:
         # The first of each estimator compiles what is not there yet; the others find it.
-        waiting: dict[Future[None], Job] = {pool.submit(_work, job, out): job for job in jobs}
-        try:
-            while waiting:
-                over, _ = wait(waiting, return_when=FIRST_COMPLETED)
-                for future in over:
-                    yield waiting.pop(future), future.exception()
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
+        waiting: dict[Future[None], Job] = {executor.submit(_work, job, out): job for job in jobs}
+        while waiting:
+            over, _ = wait(waiting, return_when=FIRST_COMPLETED)
+            for future in over:
+                yield waiting.pop(future), future.exception()
 
 
 def _work(job: Job, out: Path) -> None:

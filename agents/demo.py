@@ -3,9 +3,7 @@
 import os
 import time
 from collections.abc import Mapping
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
-from multiprocessing import get_context
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -20,6 +18,7 @@ from agents.demo_tables import show, write
 from agents.policy import Task
 from agents.registry import make
 from agents.rollout import Episode, rollout
+from agents.workers import pool
 from relloc_env.config import load_config
 from relloc_env.envs.centralised import RellocEnv
 from relloc_env.envs.core import ROBOT_NAMES
@@ -101,7 +100,7 @@ def run(out: Path, *, seed: int = SEED, log: Path | None = None, console: Consol
     # Replays have kernels of their own: they compile and run beside the rest.
     with (
         TemporaryDirectory() as scratch,
-        ProcessPoolExecutor(1, get_context("spawn")) as beside,
+        pool(1) as beside,
         Steps(console, 4 + len(MOTIONS) + (len(logs) or 2)) as steps,
     ):
         replays = [beside.submit(_replay, found, out) for found in logs]

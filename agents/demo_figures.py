@@ -16,6 +16,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from agents.rollout import Episode, Frame
 from relloc_env.config import EnvConfig
+from relloc_env.files import whole
 from relloc_env.rendering import robot_colour, target_colours
 from relloc_env.rendering.animation import save_animation
 
@@ -80,7 +81,8 @@ def paper_experiment(episode: Episode, config: EnvConfig, path: Path) -> None:
             )
             axis.set_ylim(bottom=0.0)
             axis.legend(loc="upper right")
-        figure.savefig(path, dpi=130)
+        with whole(path) as partial:
+            figure.savefig(partial, dpi=130)
 
 
 def _depths(axis: Axes, episode: Episode) -> None:
@@ -171,7 +173,8 @@ def motions(episodes: Mapping[str, Mapping[str, Episode]], config: EnvConfig, pa
         axes[2, 0].set(ylabel="heading error [deg]", ylim=(2e-2, 200.0))
         handles, labels = axes[1, 0].get_legend_handles_labels()
         figure.legend(handles[:3], labels[:3], loc="upper right", ncols=3, handlelength=1.6)
-        figure.savefig(path, dpi=110)
+        with whole(path) as partial:
+            figure.savefig(partial, dpi=110)
 
 
 def information(episodes: Mapping[str, Episode], path: Path) -> None:
@@ -192,7 +195,8 @@ def information(episodes: Mapping[str, Episode], path: Path) -> None:
             )  # fmt: skip
         axis.set(xlim=(0.0, end), xlabel="time [s]", ylabel="information J [nats]")
         axis.set_title("What each motion tells of the relative pose (higher is better)")
-        figure.savefig(path, dpi=130)
+        with whole(path) as partial:
+            figure.savefig(partial, dpi=130)
 
 
 def _apart(order: list[str], heights: Mapping[str, float], least: float) -> dict[str, float]:

@@ -1,7 +1,6 @@
 """Tables of the demonstration: printed, and written beside the results."""
 
 import csv
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -12,6 +11,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from relloc_env.envs.core import ROBOT_NAMES
+from relloc_env.files import whole, write_json, write_whole
 
 HEADS = {
     "information_10s_nats": "J 10 s",
@@ -91,8 +91,8 @@ def _motions(motions: Mapping[str, Mapping[str, Mapping[str, Any]]]) -> tuple[li
 
 def write(results: Mapping[str, Any], out: Path) -> None:
     """Write results.json, motions.csv and tables.md."""
-    (out / "results.json").write_text(json.dumps(results, indent=1, allow_nan=False) + "\n", encoding="utf-8")
-    with (out / "motions.csv").open("w", encoding="utf-8", newline="") as file:
+    write_json(out / "results.json", results, allow_nan=False)
+    with whole(out / "motions.csv") as partial, partial.open("w", encoding="utf-8", newline="") as file:
         lines = [
             {"motion": name, "estimator": estimator, **scores}
             for name, both in results["motions"].items()
@@ -105,7 +105,7 @@ def write(results: Mapping[str, Any], out: Path) -> None:
     for title, heads, rows in _tables(results):
         table = [heads, ["---"] * len(heads), *rows]
         text += f"\n## {title}\n\n" + "".join(f"| {' | '.join(line)} |\n" for line in table)
-    (out / "tables.md").write_text(text, encoding="utf-8")
+    write_whole(out / "tables.md", text)
 
 
 FILES = {

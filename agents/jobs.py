@@ -13,6 +13,7 @@ from agents.learned import PREFIX, files
 from agents.policy import Task
 from agents.registry import agent, needs, short
 from relloc_env.config import TASKS, ConfigError, EnvConfig, load_config, merge, override
+from relloc_env.quoting import quote
 from relloc_env.scenarios import SEEDS, seeds, suite
 
 ALIGN_EVERY = 20
@@ -26,7 +27,7 @@ def robots_of(env: str) -> int:
         ValueError: an id that is none.
     """
     if env not in TASKS:
-        raise ValueError(f"Argument `env` must be one of {', '.join(TASKS)}, but is {env!r}")
+        raise ValueError(f"Argument `env` must be one of {', '.join(TASKS)}, but is {quote(env)}")
     return TASKS[env]
 
 

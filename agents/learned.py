@@ -4,7 +4,7 @@ An ONNX file is run by onnxruntime: no torch, and no code but its own few operat
 pickled Python, which runs whatever is in it.
 """
 
-import json
+import hashlib
 import warnings
 from collections.abc import Callable
 from pathlib import Path
@@ -15,6 +15,9 @@ import numpy as np
 from agents.layout import Layout
 from agents.policy import Task
 from relloc_env.config import hint
+from relloc_env.estimators import PRESETS
+from relloc_env.files import read_json
+from relloc_env.quoting import quote
 from relloc_env.samples import Bool, Float, Float32
 
 PREFIX = "learned:"
@@ -23,6 +26,8 @@ POLICIES = Path(__file__).parent / "policies"
 """Folder of the policies that ship."""
 NORMALISATION = "normalisation.pkl"
 """Statistics of `VecNormalize` that are taken up where they lie beside a policy of Stable-Baselines3."""
+DIGEST = "sha256"
+"""Entry of a card: that of its ONNX file."""
 INPUT, OUTPUT = "observation", "action"
 """Names in an ONNX file."""
 
@@ -102,6 +107,11 @@ def learned(task: Task, name: str) -> Acting:
     return _onnx(task, path) if path.suffix == ".onnx" else _zip(task, path)
 
 
+def digest(network: bytes) -> str:
+    """What a card says of its file."""
+    return hashlib.sha256(network).hexdigest()
+
+
 def read_card(path: Path) -> dict[str, Any]:
     """The card beside a policy's file: how it was trained, what it takes, how it did.
 
@@ -110,7 +120,7 @@ def read_card(path: Path) -> dict[str, Any]:
     """
     card = path.with_suffix(".json")
     try:
-        data: dict[str, Any] = json.loads(card.read_text(encoding="utf-8"))
+        data: dict[str, Any] = read_json(card)
     except (OSError, ValueError) as error:
         raise ValueError(f"{path} must have its card beside it, {card.name}, but: {error}") from None
     if not isinstance(data, dict) or "observation" not in data:
@@ -121,7 +131,12 @@ def read_card(path: Path) -> dict[str, Any]:
 def _environment(name: str) -> dict[str, Any] | None:
     """The environment that a policy was trained for; None for a file of Stable-Baselines3 that has no card."""
     path = place(name)
-    return read_card(path)["environments"][0] if path.suffix == ".onnx" or _has_card(path) else None
+    if path.suffix == ".zip" and not _has_card(path):
+        return None
+    try:
+        return dict(read_card(path)["environments"][0])
+    except (LookupError, TypeError, ValueError) as error:
+        raise ValueError(f"{path.with_suffix('.json')} must say what the policy was trained in: {error}") from None
 
 
 def _has_card(path: Path) -> bool:
@@ -149,19 +164,29 @@ def trained_with(name: str) -> tuple[int, str]:
     environment = _environment(name)
     if environment is None:
         return 2, "map-alignment"
-    estimator = environment["estimator"]
-    critical = estimator.get("damping") == "critical"
-    return int(environment["robots"]), "cascade-critical" if critical else str(estimator["kind"])
+    try:
+        robots, stated = int(environment["robots"]), dict(environment["estimator"])
+    except (LookupError, TypeError, ValueError) as error:
+        raise ValueError(f"The card of {name} must say what the policy was trained with, but: {error!r}") from None
+    kind = "cascade-critical" if stated.get("damping") == "critical" else stated.get("kind")
+    return robots, kind if kind in PRESETS else "map-alignment"  # of the user's own it may be, or anything
 
 
 def _onnx(task: Task, path: Path) -> Acting:
     import onnxruntime
 
     layout = _laid_out(path)
+    network = path.read_bytes()
+    stated, found = read_card(path).get(DIGEST), digest(network)
+    if stated != found:
+        raise ValueError(
+            f"{path} is not the file that its card {path.with_suffix('.json').name} belongs to: the card's `{DIGEST}` "
+            f"is {quote(stated)}, the file's {found!r}. Both are written by: python -m train export RUN"
+        )
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1
     try:
-        session = onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
+        session = onnxruntime.InferenceSession(network, options, providers=["CPUExecutionProvider"])
     except Exception as error:  # noqa: BLE001 - onnxruntime's own classes derive from nothing more special
         raise ValueError(f"{path} must be an ONNX file, but: {error}") from None
     given = session.get_inputs()[0].shape[-1]

@@ -1,8 +1,9 @@
 """The names of the agents: one place to add another."""
 
 import difflib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 from agents import scripted
@@ -10,7 +11,8 @@ from agents.feedback import Edge
 from agents.learned import PREFIX, learned, options, shipped
 from agents.planned import OpenLoop, Planner
 from agents.policy import Policy, Task
-from relloc_env.places import load
+from relloc_env.places import UntrustedError, load
+from relloc_env.quoting import quote
 
 
 def _script(law: scripted.Law) -> Callable[[Task], Policy]:
@@ -72,6 +74,37 @@ def agent(name: str) -> Callable[[Task], Policy]:
         ways = f"{', '.join(known)}, {ships}; or `{PREFIX}` and a file, .onnx or .zip, or `FILE.py:NAME`"
         raise ValueError(f"Unknown agent `{name}`{hint}; known: {ways}")
     return known[name]
+
+
+def runs_code(name: str) -> bool:
+    """Return whether an agent of this name is code of somebody's, or is read by what runs code: a `.zip` is pickled."""
+    return Path(name).suffix == ".zip" if name.startswith(PREFIX) else ":" in name
+
+
+def refuse_agents(names: Iterable[str], path: str | Path) -> None:
+    """Raise where names in a file are of agents that run code.
+
+    Raises:
+        UntrustedError: they are.
+    """
+    for name in names:
+        if runs_code(name):
+            raise UntrustedError(
+                f"{path} names an agent that runs code, {quote(name)}: say `--trust`, in Python `trust=True`, if you "
+                "trust it"
+            )
+
+
+def refuse_pickled(names: Iterable[str]) -> None:
+    """Raise where names given by a user are of policies that are pickled: it is not plain that these run code.
+
+    Raises:
+        UntrustedError: they are.
+    """
+    for name in names:
+        if name.startswith(PREFIX) and runs_code(name):
+            path = name.removeprefix(PREFIX)
+            raise UntrustedError(f"{path} is pickled, which runs whatever code is in it: say `--trust` if you trust it")
 
 
 def needs(name: str) -> dict[str, Any]:

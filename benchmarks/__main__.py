@@ -1,11 +1,13 @@
 """`python -m benchmarks`: speed beside other environments and estimators beside the bound, from the command line."""
 
-import json
 from pathlib import Path
 from typing import Annotated, NoReturn
 
 import typer
 from rich.console import Console
+
+from relloc_env.console import lenient
+from relloc_env.files import write_json
 
 app = typer.Typer(
     add_completion=False, no_args_is_help=True, rich_markup_mode=None, pretty_exceptions_enable=False, help=__doc__
@@ -97,7 +99,7 @@ def profile(
 
     found = stages(num_envs, seconds)
     out.mkdir(parents=True, exist_ok=True)
-    (out / "profile.json").write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+    write_json(out / "profile.json", found)
     Console().print(table(found))
 
 
@@ -155,4 +157,5 @@ def _stop(message: str) -> NoReturn:
 
 
 if __name__ == "__main__":
+    lenient()
     app()

@@ -1,6 +1,5 @@
 """Why filtered depths must not be fed in as white measurements: the figure of docs/estimator.md, and its numbers."""
 
-import json
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -10,6 +9,7 @@ import numpy as np
 from relloc_env.envs.onboard import informed
 from relloc_env.envs.vector import RellocVectorEnv
 from relloc_env.estimators import make, resolve
+from relloc_env.files import whole, write_json
 from relloc_env.metrics import nees, nees_band, point_errors, pose_errors
 from relloc_env.samples import Float
 
@@ -86,7 +86,7 @@ def run(
         "estimators": {name: figures(time, course) for name, course in courses.items()},
     }
     out.mkdir(parents=True, exist_ok=True)
-    (out / "consistency.json").write_text(json.dumps(results) + "\n", encoding="utf-8")
+    write_json(out / "consistency.json", results, indent=None)
     _draw(results, out / "consistency.png")
     return results
 
@@ -187,7 +187,8 @@ def _draw(results: Mapping[str, Any], path: Path) -> None:
     for axis in (first, second, third, fourth):
         axis.grid(alpha=0.3)
     figure.legend(*fourth.get_legend_handles_labels(), loc="outside lower center", ncols=2, frameon=False)
-    figure.savefig(path, dpi=110)
+    with whole(path) as partial:
+        figure.savefig(partial, dpi=110)
 
 
 def _logarithmic(axis: "Axes", words: str) -> None:

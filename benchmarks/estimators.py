@@ -1,6 +1,5 @@
 """How far each estimator is from the information bound, and how honest about it: scenes, estimators, figures."""
 
-import json
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -14,6 +13,7 @@ from benchmarks.estimator_targets import targets
 from benchmarks.scenarios import DT, POINTS, Runs, Scene, bounds, draw
 from relloc_env.estimators import make
 from relloc_env.estimators.config import PRESETS, BuiltIn
+from relloc_env.files import write_json
 from relloc_env.metrics import nees, pose_errors, wrap
 from relloc_env.samples import Bool, Float, Samples
 
@@ -114,7 +114,7 @@ def run(
         for which, some in parts.items():
             results["rows"].append({"name": name, "words": row.words, "estimator": which, **figures(some)})
         results["targets"] = list(targets(results, scenes, {name: row.judged_from for name, row in ROWS.items()}))
-        (out / "estimators.json").write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
+        write_json(out / "estimators.json", results)
     return results
 
 

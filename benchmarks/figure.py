@@ -4,6 +4,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from relloc_env.files import whole
+
 
 def draw(results: Mapping[str, Any], path: Path) -> None:
     """Draw the contenders that were measured at more than one size, those with one size as a mark."""
@@ -33,4 +35,5 @@ def draw(results: Mapping[str, Any], path: Path) -> None:
     axes.minorticks_off()
     axes.grid(alpha=0.3)
     axes.legend(fontsize="small")
-    figure.savefig(path, dpi=150)
+    with whole(path) as partial:
+        figure.savefig(partial, dpi=150)

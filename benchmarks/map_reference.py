@@ -3,7 +3,6 @@
 Runs of the paper-like geometry of docs/equations.md, section 5, with initial errors of fixed size and random sign.
 """
 
-import json
 import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -15,6 +14,7 @@ from rich.table import Table
 from benchmarks.map_graph import Episode, Noise
 from benchmarks.scenarios import DEPTH_SD, DT, PAPER_INPUTS, PAPER_POINTS, PAPER_STARTS, POSE_SD
 from relloc_env.estimators import MapAlignmentConfig, make
+from relloc_env.files import write_json
 from relloc_env.kernels.motion import advance
 from relloc_env.metrics import nees, relative_poses, trajectory_bound, whitened_error, wrap
 from relloc_env.samples import Float, Prior, Samples
@@ -99,7 +99,7 @@ def run(
         }
     results["bound"] = np.sqrt(np.diagonal(drawn.bound[at], axis1=1, axis2=2)).tolist()
     out.mkdir(parents=True, exist_ok=True)
-    (out / "map-reference.json").write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
+    write_json(out / "map-reference.json", results)
     return results
 
 

@@ -1,6 +1,5 @@
 """The whole run: everything is measured, then written, then drawn."""
 
-import json
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -13,6 +12,7 @@ from benchmarks.contenders import BATCH, CONTENDERS, SIZES
 from benchmarks.figure import draw
 from benchmarks.speed import Tell, silent
 from benchmarks.targets import targets
+from relloc_env.files import write_json
 
 
 @contextmanager
@@ -70,6 +70,6 @@ def run(
         warm_up=0.0 if quick else 1.0, tell=part(0.3, 1.0),
     )  # fmt: skip
     results["targets"] = [target.as_dict() for target in targets(results)]
-    (out / "results.json").write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
+    write_json(out / "results.json", results)
     draw(results, out / "speed.png")
     return results

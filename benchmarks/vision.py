@@ -1,6 +1,5 @@
 """Cameras that take pictures beside analytic ones: how good detections are, and what estimators make of them."""
 
-import json
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -18,6 +17,7 @@ from relloc_env.config import EnvConfig, load_config
 from relloc_env.envs.onboard import informed
 from relloc_env.envs.vector import RellocVectorEnv
 from relloc_env.estimators import make, resolve
+from relloc_env.files import write_json
 from relloc_env.metrics import nees, nees_band, pose_errors
 from relloc_env.pinhole import project
 from relloc_env.samples import Bool, Float
@@ -195,9 +195,9 @@ def run(
                 "detections": detection_figures(outcome),
                 "poses": pose_figures(outcome),
             }
-            (out / "vision.json").write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
+            write_json(out / "vision.json", results)
     results["trials"] = trials(pictures, lambda done, words: tell(0.9 + 0.1 * done, words))
-    (out / "vision.json").write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
+    write_json(out / "vision.json", results)
     return results
 
 

@@ -11,6 +11,7 @@ from typing import Annotated, Any, Literal, NoReturn
 import typer
 
 import relloc_env
+from relloc_env.console import lenient
 
 app = typer.Typer(
     add_completion=False, no_args_is_help=True, rich_markup_mode=None, pretty_exceptions_enable=False, help=__doc__
@@ -119,6 +120,7 @@ def replay(
 @app.command()
 def play(
     config: Annotated[str | None, typer.Option(help="Scenario, or file of options; default: the default task.")] = None,
+    trust: Annotated[bool, typer.Option("--trust", help="Run code that the file names: of people you trust.")] = False,
     suite: Annotated[str | None, typer.Option(help="Suite of the benchmark, in place of a scenario.")] = None,
     robots: Annotated[int | None, typer.Option(min=1, max=2, help="Number of robots.")] = None,
     estimator: Annotated[str | None, typer.Option(help="The one that watches first.")] = None,
@@ -139,7 +141,7 @@ def play(
             raise ValueError("Argument `config` must be left out where `suite` is given")
         options: dict[str, Any] = {} if suite is None else dict(named(suite).variants[0])
         options |= {k: v for k, v in (("robots", robots), ("estimator", estimator)) if v is not None}
-        session = Session(config, seed=seed, logs=out, **options)
+        session = Session(config, seed=seed, logs=out, trust=trust, **options)
         with recorder(rerun) as watch:
             run(session, size=size, theme="dark" if dark else "light", watch=watch)
     for path in session.written:
@@ -223,4 +225,5 @@ def _stop(message: str) -> NoReturn:
 
 
 if __name__ == "__main__":
+    lenient()
     app()

@@ -1,12 +1,65 @@
-"""Where the name of something of the user's own leads: `module:Name` or `path/to/file.py:Name`."""
+"""Where the name of something of the user's own leads: `module:Name` or `path/to/file.py:Name`.
+
+What is named in Python or on the command line is the user's own. What a file names may be a stranger's: it runs where
+the user says so alone (SECURITY.md).
+"""
 
 import importlib
 import importlib.util
 import operator
 import sys
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from types import ModuleType
 from typing import Any
+
+from relloc_env.quoting import quote
+
+
+class UntrustedError(ValueError):
+    """A file names code that would run, and nobody has said that it may."""
+
+
+def leads_to_code(text: str) -> bool:
+    """Whether a text has the form of `module:Name` or `path/to/file.py:Name`; nothing else is ever imported."""
+    place, _, name = text.rpartition(":")
+    return (place.endswith(".py") or _dotted(place)) and _dotted(name)
+
+
+def _dotted(text: str) -> bool:
+    return all(part.isidentifier() for part in text.split("."))
+
+
+def code_in(data: Any) -> set[str]:
+    """Texts in plain data, at any depth, that lead to code."""
+    found: set[str] = set()
+    todo = [data]
+    while todo:
+        each = todo.pop()
+        if isinstance(each, str) and leads_to_code(each):
+            found.add(each)
+        elif isinstance(each, Mapping):
+            todo.extend(each.values())
+        elif isinstance(each, list | tuple | set):
+            todo.extend(each)
+    return found
+
+
+def refuse_code(data: Any, path: str | Path, allowed: Collection[str] = ()) -> None:
+    """Raise where plain data from a file lead to code.
+
+    Args:
+        data: to look through.
+        path: of the file, for the error.
+        allowed: what it may lead to.
+
+    Raises:
+        UntrustedError: they do.
+    """
+    for text in sorted(code_in(data) - set(allowed)):
+        raise UntrustedError(
+            f"{path} names code that would run, {quote(text)}: say `--trust`, in Python `trust=True`, if you trust it"
+        )
 
 
 def load(path: str, argument: str = "estimator") -> Any:
@@ -19,6 +72,11 @@ def load(path: str, argument: str = "estimator") -> Any:
     Raises:
         ValueError: a module or file that cannot be imported or raises, or has no such name; the cause is chained.
     """
+    if not leads_to_code(path):
+        raise ValueError(
+            f"Argument `{argument}` must lead to a class or function, as 'module:Name' or 'path/to/file.py:Name', but "
+            f"is {quote(path)}"
+        )
     place, _, name = path.rpartition(":")
     try:
         module = _run_file(Path(place)) if place.endswith(".py") else importlib.import_module(place)

@@ -6,6 +6,8 @@ from typing import Annotated, NoReturn
 
 import typer
 
+from relloc_env.console import lenient
+
 app = typer.Typer(
     add_completion=False, no_args_is_help=True, rich_markup_mode=None, pretty_exceptions_enable=False,
     help="Train policies with Stable-Baselines3, and see what they are worth.",
@@ -14,6 +16,10 @@ app = typer.Typer(
 Config = Annotated[str, typer.Argument(metavar="CONFIG", help="Name of a published configuration, or a YAML file.")]
 Overrides = Annotated[
     list[str] | None, typer.Argument(metavar="[FIELD=VALUE]...", help="E.g. seed=2 algorithm.gamma=0.99")
+]
+
+Trust = Annotated[
+    bool, typer.Option("--trust", help="Run code that files name, and read pickled ones: of people you trust alone.")
 ]
 
 
@@ -27,6 +33,7 @@ def run(
     config: Config,
     overrides: Overrides = None,
     out: Annotated[Path | None, typer.Option(help="Folder of the run; default: out/train/NAME-seedN.")] = None,
+    trust: Trust = False,
 ) -> None:
     """Train; stopped at any time, the same command goes on."""
     try:
@@ -35,7 +42,7 @@ def run(
     except ModuleNotFoundError as error:
         _missing(error)
     try:
-        chosen = load(config, overrides or ())
+        chosen = load(config, overrides or (), trust=trust)
         folder = out or Path(f"out/train/{chosen.name}-seed{chosen.seed}")
         policy = train(chosen, folder, command=_command())
     except ModuleNotFoundError as error:  # of cameras that take pictures
@@ -51,6 +58,7 @@ def run(
 def export(
     out: Annotated[Path, typer.Argument(help="Folder of a run, over or not.", metavar="RUN")],
     name: Annotated[str | None, typer.Option(help="Name among the policies that ship; default: stay in RUN.")] = None,
+    trust: Trust = False,
 ) -> None:
     """Write the best policy of a run so far as an ONNX file with its card."""
     try:
@@ -60,7 +68,7 @@ def export(
     except ModuleNotFoundError as error:
         _missing(error)
     try:
-        chosen = load(out / CONFIG)
+        chosen = load(out / CONFIG, trust=trust)
         policy = ship(out, name) if name else Run(chosen, out).finish()
     except (ValueError, OSError) as error:
         _stop(str(error))
@@ -73,6 +81,7 @@ def tune(
     overrides: Overrides = None,
     trials: Annotated[int, typer.Option(min=1, help="Trials, those of earlier calls included.")] = 30,
     out: Annotated[Path | None, typer.Option(help="Folder of the study; default: out/tune/NAME.")] = None,
+    trust: Trust = False,
 ) -> None:
     """Search for hyper-parameters with Optuna; stopped at any time, the same command goes on."""
     try:
@@ -81,7 +90,7 @@ def tune(
     except ModuleNotFoundError as error:
         _missing(error)
     try:
-        chosen = load(config, overrides or ())
+        chosen = load(config, overrides or (), trust=trust)
         found = search(chosen, trials, out or Path(f"out/tune/{chosen.name}"), tell=typer.echo)
     except (ValueError, OSError) as error:
         _stop(str(error))
@@ -110,6 +119,7 @@ def evaluate(
     ] = None,
     cores: Annotated[int | None, typer.Option(min=1, help="Cores to use; default: all.")] = None,
     animations: Annotated[bool, typer.Option(help="Draw an episode of each agent.")] = True,
+    trust: Trust = False,
 ) -> None:
     """Play policies beside scripts on the same episodes: the benchmark's results, tables and page for them."""
     try:
@@ -118,12 +128,14 @@ def evaluate(
         from agents.jobs import Asked
         from agents.learned import PREFIX, trained_with
         from agents.progress import bar
-        from agents.registry import AGENTS
+        from agents.registry import AGENTS, refuse_pickled
         from agents.report import report
         from relloc_env.config import TASKS
     except ModuleNotFoundError as error:
         _missing(error)
     try:
+        if not trust:
+            refuse_pickled(PREFIX + each for each in policies)
         robots, estimator = trained_with(policies[0])
         asked = Asked(
             env=env or {count: name for name, count in TASKS.items()}[robots],
@@ -136,9 +148,11 @@ def evaluate(
         )
         with bar() as tell:
             benchmark(asked, out, cores=cores, tell=tell)
-            page = report(out, animations=animations, tell=tell)
+            page = report(out, animations=animations, trust=trust, tell=tell)
     except (ValueError, OSError) as error:
         _stop(str(error))
+    except KeyboardInterrupt:
+        _stop("Stopped; the same command goes on")
     typer.echo(f"Page: {page}; every figure of its tables: {page.with_name('summary.json')}")
 
 
@@ -178,4 +192,5 @@ def _stop(message: str) -> NoReturn:
 
 
 if __name__ == "__main__":
+    lenient()
     app()

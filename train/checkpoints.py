@@ -1,21 +1,26 @@
 """All that a run remembers, in one file that is put in its place whole: what was killed goes on from there."""
 
 import random
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
+from sb3_contrib.common.recurrent.type_aliases import RNNStates
 from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.running_mean_std import RunningMeanStd
 from stable_baselines3.common.save_util import recursive_getattr
 from stable_baselines3.common.vec_env import VecNormalize
 
-from train.whole import whole
+from relloc_env.config import ConfigError
+from relloc_env.places import refuse_code
+from train import plain
 from train.worlds import Worlds
 
 _KEPT = (
     "num_timesteps", "_n_updates", "_episode_num", "_last_obs", "_last_original_obs", "_last_episode_starts",
-    "_last_lstm_states", "_current_progress_remaining", "action_noise",
+    "_last_lstm_states", "_current_progress_remaining",
 )  # fmt: skip
 """Attributes of the algorithms that change."""
 _BUFFER = ("observations", "next_observations", "actions", "rewards", "dones", "timeouts")
@@ -50,9 +55,10 @@ def restore(model: BaseAlgorithm, state: dict[str, Any]) -> None:
     for name, value in state["variables"].items():
         recursive_getattr(model, name).data.copy_(value)
     for name, value in state["kept"].items():
-        setattr(model, name, value)
+        setattr(model, name, RNNStates(*value) if name == "_last_lstm_states" and value is not None else value)
     if state["normaliser"] is not None:
-        vars(_normaliser(model)).update(state["normaliser"])
+        for name, value in state["normaliser"].items():
+            setattr(_normaliser(model), name, running(value) if isinstance(value, dict) else value)
     if state["buffer"] is not None:
         _fill_buffer(model, state["buffer"])
     streams = state["streams"]
@@ -78,8 +84,16 @@ def _normaliser_state(model: BaseAlgorithm) -> dict[str, Any] | None:
     found = _normaliser(model)
     if found is None:
         return None
-    return {name: vars(found)[name] for name in ("obs_rms", "ret_rms", "returns", "old_obs", "old_reward")
+    kept = {name: vars(found)[name] for name in ("obs_rms", "ret_rms", "returns", "old_obs", "old_reward")
             if name in vars(found)}  # fmt: skip
+    return {name: vars(value) if isinstance(value, RunningMeanStd) else value for name, value in kept.items()}
+
+
+def running(statistics: Mapping[str, Any]) -> RunningMeanStd:
+    """Running statistics of a mean, a variance and a count."""
+    found = RunningMeanStd()
+    found.mean, found.var, found.count = (statistics[name] for name in ("mean", "var", "count"))
+    return found
 
 
 def _buffer_state(model: BaseAlgorithm) -> dict[str, Any] | None:
@@ -101,10 +115,23 @@ def _fill_buffer(model: BaseAlgorithm, state: dict[str, Any]) -> None:
 
 def write(path: Path, state: Any) -> None:
     """Write a checkpoint, whole or not at all, also where the power fails."""
-    with whole(path) as partial, partial.open("wb") as file:
-        torch.save(state, file)
+    plain.write(path, state)
 
 
-def read(path: Path) -> Any:
-    """Read what `write` wrote: a file of one's own, since it is pickled."""
-    return torch.load(path, map_location="cpu", weights_only=False)
+def read(path: Path, allowed: Collection[str] = ()) -> Any:
+    """Read what `write` wrote, which runs nothing.
+
+    Args:
+        path: of the file.
+        allowed: code that it may name, since the run's configuration does: of an estimator or detector.
+
+    Raises:
+        ConfigError: a file that is damaged.
+        UntrustedError: one that names other code.
+    """
+    try:
+        state = plain.read(path)
+    except ValueError as error:
+        raise ConfigError(f"{error}: remove it, and the run begins anew") from error
+    refuse_code(state, path, allowed)
+    return state

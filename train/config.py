@@ -12,10 +12,12 @@ from pydantic import ConfigDict, Field, field_validator, model_validator
 
 from agents.playing import SCORES
 from agents.policy import Task
-from agents.registry import AGENTS, agent
+from agents.registry import AGENTS, agent, refuse_agents, runs_code
 from relloc_env.config import ConfigError, EnvConfig, hint, load_config, override, read_file, validate
 from relloc_env.config.base import Model, Positive
 from relloc_env.envs.variation import Choice, Stage, Variation
+from relloc_env.places import refuse_code
+from relloc_env.quoting import quote
 from relloc_env.scenarios import suite
 
 CONFIGS = Path(__file__).parent / "configs"
@@ -85,7 +87,9 @@ class EnvironmentConfig(Model):
             )
         for name in self.without:
             if name not in fields:
-                raise ValueError(f"Argument `environment.without` must be of {', '.join(fields)}, but has {name!r}")
+                raise ValueError(
+                    f"Argument `environment.without` must be of {', '.join(fields)}, but has {quote(name)}"
+                )
         if self.nearest_first and self.layout.gain_names:
             raise ValueError("Argument `environment.nearest_first` must be false where actions set gains, but is true")
         return self
@@ -202,14 +206,15 @@ class EvaluationConfig(Model):
     @classmethod
     def _known_score(cls, value: str) -> str:
         if value.removeprefix("-") not in SCORES:
-            raise ValueError(f"must be one of {', '.join(SCORES)}{hint(value, tuple(SCORES))}, but is {value!r}")
+            raise ValueError(f"must be one of {', '.join(SCORES)}{hint(value, tuple(SCORES))}, but is {quote(value)}")
         return value
 
     @field_validator("scripts")
     @classmethod
     def _known_scripts(cls, value: Iterable[str] | None) -> tuple[str, ...] | None:
         for name in value or ():
-            agent(name)
+            if not runs_code(name):
+                agent(name)
         return None if value is None else tuple(value)
 
     @property
@@ -271,7 +276,7 @@ class TrainConfig(Model):
     @classmethod
     def _plain(cls, value: str) -> str:
         if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9._-]*", value):
-            raise ValueError(f"must be of letters, digits, dots, dashes and underscores, but is {value!r}")
+            raise ValueError(f"must be of letters, digits, dots, dashes and underscores, but is {quote(value)}")
         return value
 
     @model_validator(mode="after")
@@ -289,7 +294,7 @@ class TrainConfig(Model):
                 )
         score = self.evaluation.score
         if score.removeprefix("-") in PAIR and any(each.robots == 1 for each in self.played):
-            raise ValueError(f"Argument `evaluation.score` must be of what one robot alone has, but is {score!r}")
+            raise ValueError(f"Argument `evaluation.score` must be of what one robot alone has, but is {quote(score)}")
         return self
 
     def _check_pictures(self) -> None:
@@ -300,7 +305,7 @@ class TrainConfig(Model):
         if pictures and self.normalise.observations:
             raise ValueError("Argument `normalise.observations` must be false for `observation: image`, but is true")
         if pictures and self.film:
-            raise ValueError(f'Argument `film` must be "" for `observation: image`, but is {self.film!r}')
+            raise ValueError(f'Argument `film` must be "" for `observation: image`, but is {quote(self.film)}')
         if any((each.observation == "image") != pictures for each in self.played):
             raise ValueError("Argument `evaluation` must have the same `observation` as in training, but has another")
 
@@ -319,20 +324,35 @@ class TrainConfig(Model):
         return self.model_dump(mode="json")
 
 
-def load(source: str | Path | Mapping[str, Any], overrides: Sequence[str] = ()) -> TrainConfig:
+def _refuse_code(data: dict[str, Any], source: str | Path) -> None:
+    """Raise where a file's data name code; `learned:NAME` is none, unless it leads to what is pickled."""
+    evaluation = data.get("evaluation")
+    scripts = evaluation.get("scripts") if isinstance(evaluation, Mapping) else None
+    if isinstance(evaluation, Mapping) and isinstance(scripts, list):
+        refuse_agents([name for name in scripts if isinstance(name, str)], source)
+        data = {**data, "evaluation": {**evaluation, "scripts": None}}
+    refuse_code(data, source)
+
+
+def load(source: str | Path | Mapping[str, Any], overrides: Sequence[str] = (), *, trust: bool = False) -> TrainConfig:
     """Build the configuration of a run.
 
     Args:
         source: a name among the published ones, a YAML or JSON file, or a mapping.
         overrides: `path.to.field=value` each, the value as YAML.
+        trust: whether a file may name code that would run: estimators, detectors and agents of its own. Loading
+            itself runs none.
 
     Raises:
         ConfigError: no such file or name, an unknown field, or a value that cannot be.
+        UntrustedError: a file that names code, without `trust`.
     """
     if isinstance(source, Mapping):
         data = dict(source)
     elif str(source).endswith((".yaml", ".yml", ".json")):
-        data = {"name": Path(source).stem, **read_file(source)}
+        data = {"name": Path(source).stem, **read_file(source, trust=True)}
+        if not trust:
+            _refuse_code(data, source)
     else:
         known = tuple(sorted(path.stem for path in CONFIGS.glob("*.yaml")))
         if str(source) not in known:

@@ -1,6 +1,5 @@
 """Learning curves of runs, and a table of what their policies are worth: for the eye, and for a page."""
 
-import json
 from collections.abc import Mapping, Sequence
 from itertools import groupby
 from pathlib import Path
@@ -11,7 +10,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from agents.learned import read_card
+from relloc_env.files import whole
 from train.config import TrainConfig, load
+from train.evaluation import Journal
 from train.folder import CONFIG, EVALUATION, POLICY
 
 COLOUR, MUTED = "#0072B2", "#70757a"
@@ -35,7 +36,7 @@ def curves(runs: Sequence[Path], out: Path) -> None:
     Raises:
         ValueError: a folder without evaluations.
     """
-    found = sorted(((load(run / CONFIG), _read(run)) for run in runs), key=lambda each: each[0].name)
+    found = sorted(((load(run / CONFIG, trust=True), _read(run)) for run in runs), key=lambda each: each[0].name)
     panels = [(name, list(group)) for name, group in groupby(found, key=lambda each: each[0].name)]
     with mpl.rc_context(
         {"font.size": 9.5, "svg.hashsalt": "relloc_env", "axes.spines.top": False, "axes.spines.right": False}
@@ -49,7 +50,8 @@ def curves(runs: Sequence[Path], out: Path) -> None:
         for axis, (name, group) in zip(axes, panels, strict=False):
             _panel(axis, name, group)
         out.parent.mkdir(parents=True, exist_ok=True)
-        figure.savefig(out, metadata={"Date": None} if out.suffix == ".svg" else None)
+        with whole(out) as partial:
+            figure.savefig(partial, metadata={"Date": None} if out.suffix == ".svg" else None)
 
 
 def _panel(axis: Any, name: str, group: Sequence[tuple[TrainConfig, list[dict[str, Any]]]]) -> None:
@@ -81,7 +83,7 @@ def table(runs: Sequence[Path]) -> str:
     heads = ["run", *HEADS.values(), "over", *(f"{head}, over it" for head in HEADS.values())]
     lines = [heads, ["---"] * len(heads)]
     for run in runs:
-        metrics = read_card(run / POLICY)["metrics"]
+        metrics = read_card(run / POLICY).get("metrics", {})
         scores, over = metrics.get("scores", {}), metrics.get("over_script", {})
         script = f"`{metrics['script']}`" if metrics.get("script") else NONE
         lines.append([
@@ -107,7 +109,7 @@ def _number(value: float | None) -> float:
 def _read(run: Path) -> list[dict[str, Any]]:
     """The evaluations of a run."""
     path = run / EVALUATION
-    lines = [json.loads(line) for line in path.read_text("utf-8").splitlines()] if path.exists() else []
+    lines = Journal(path).lines()
     if not lines:
         raise ValueError(f"Argument `runs` must be folders of runs that were evaluated, but {run} is none")
     return lines

@@ -16,11 +16,11 @@ from agents.playing import LATE, SCORES, play
 from agents.policy import Policy, Task
 from agents.registry import agent
 from agents.statistics import Interval, mean, mean_difference, median
-from relloc_env.config import load_config
+from relloc_env.config import ConfigError, load_config
+from relloc_env.files import write_whole
 from relloc_env.samples import Bool, Float, Float32
 from relloc_env.scenarios import seeds
 from train.config import TrainConfig
-from train.whole import write_text
 
 Scores = dict[str, Float]
 """Of every episode, (N,) each."""
@@ -148,12 +148,15 @@ class Journal:
         if not self._path.exists():
             return []
         whole = self._path.read_text(encoding="utf-8").split("\n")[:-1]
-        return [json.loads(line) for line in whole]
+        try:
+            return [{"steps": line["steps"]} | line for line in map(json.loads, whole)]
+        except (ValueError, TypeError, KeyError, RecursionError) as error:
+            raise ConfigError(f"{self._path} is damaged, remove it: {error}") from None
 
     def rewind(self, steps: int) -> None:
         """Forget what came after a checkpoint at `steps`."""
         kept = [line for line in self.lines() if line["steps"] <= steps]
-        write_text(self._path, "".join(json.dumps(line) + "\n" for line in kept))
+        write_whole(self._path, "".join(json.dumps(line) + "\n" for line in kept))
 
     def add(self, line: Mapping[str, Any]) -> None:
         """Write one more."""

@@ -15,9 +15,9 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.torch_layers import FlattenExtractor
 
 import relloc_env
-from agents.learned import INPUT, OUTPUT
+from agents.learned import DIGEST, INPUT, OUTPUT, digest
+from relloc_env.files import write_json, write_whole
 from train.config import TrainConfig
-from train.whole import whole, write_json
 
 OPSET = 21
 _ACTIVATIONS = {torch.nn.Tanh: "Tanh", torch.nn.ReLU: "Relu", torch.nn.ELU: "Elu"}
@@ -146,7 +146,10 @@ def save(model: BaseAlgorithm, about: dict[str, Any], path: Path) -> None:
     Raises:
         NoOnnxError: as `to_onnx`; the card is written.
     """
-    write_json(path.with_suffix(".json"), about)
-    made = to_onnx(model).SerializeToString()
-    with whole(path) as partial:
-        partial.write_bytes(made)
+    try:
+        network = to_onnx(model).SerializeToString()
+    except NoOnnxError:
+        write_json(path.with_suffix(".json"), about)
+        raise
+    write_json(path.with_suffix(".json"), about | {DIGEST: digest(network)})
+    write_whole(path, network)

@@ -1,7 +1,5 @@
 """The folder of a run: its files, and whose it is."""
 
-import json
-import shutil
 from pathlib import Path
 from typing import Any
 
@@ -9,10 +7,10 @@ import yaml
 
 from agents.learned import POLICIES, read_card
 from relloc_env.config import ConfigError
+from relloc_env.files import write_json, write_whole
 from train.config import TrainConfig, load
-from train.whole import write_text
 
-CONFIG, CHECKPOINT, EVALUATION, SCRIPTS = "config.yaml", "checkpoint.pt", "evaluation.jsonl", "scripts.json"
+CONFIG, CHECKPOINT, EVALUATION, SCRIPTS = "config.yaml", "checkpoint.npz", "evaluation.jsonl", "scripts.json"
 POLICY, SAVED, DONE = "policy.onnx", "policy.zip", "done.json"
 COMMAND = "command.txt"
 
@@ -26,15 +24,15 @@ def claim(config: TrainConfig, out: Path, command: str = "") -> None:
     out.mkdir(parents=True, exist_ok=True)
     path = out / CONFIG
     if path.exists():
-        differ = sorted(_differing(load(path).to_dict(), config.to_dict()))
+        differ = sorted(_differing(load(path, trust=True).to_dict(), config.to_dict()))
         if differ:
             raise ConfigError(
                 f"Argument `out` must be a folder of its own: the run in {out} has other values of {', '.join(differ)}"
             )
     else:
-        write_text(path, yaml.safe_dump(config.to_dict(), sort_keys=False))
+        write_whole(path, yaml.safe_dump(config.to_dict(), sort_keys=False))
     if command and not (out / COMMAND).exists():
-        write_text(out / COMMAND, command + "\n")
+        write_whole(out / COMMAND, command + "\n")
 
 
 def command_of(out: Path) -> str:
@@ -64,6 +62,6 @@ def ship(out: Path, name: str) -> Path:
         raise ConfigError(f"Argument `RUN` must be a run with a {POLICY}, but {out} has none")
     POLICIES.mkdir(exist_ok=True)
     card = read_card(out / POLICY) | {"name": name}
-    shutil.copy(out / POLICY, POLICIES / f"{name}.onnx")
-    (POLICIES / f"{name}.json").write_text(json.dumps(card, indent=1) + "\n", encoding="utf-8")
+    write_json(POLICIES / f"{name}.json", card)
+    write_whole(POLICIES / f"{name}.onnx", (out / POLICY).read_bytes())
     return POLICIES / f"{name}.onnx"

@@ -1,6 +1,5 @@
 """One training run in a folder of its own: it goes on from its last checkpoint, however it was stopped."""
 
-import json
 import time
 from collections.abc import Callable, Mapping
 from copy import deepcopy
@@ -8,14 +7,18 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pydantic import TypeAdapter
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
 from torch.utils.tensorboard import SummaryWriter
 
+from agents.alone import alone
 from agents.learned import NORMALISATION
 from agents.policy import Policy, Task
 from relloc_env.config import ConfigError
+from relloc_env.files import read_json, whole, write_json
+from relloc_env.places import code_in
 from relloc_env.scenarios import SEEDS
 from train import checkpoints, export
 from train.config import TrainConfig
@@ -34,7 +37,6 @@ from train.evaluation import (
 from train.folder import CHECKPOINT, DONE, EVALUATION, POLICY, SAVED, SCRIPTS, claim, command_of
 from train.models import build, sound
 from train.progress import Show
-from train.whole import whole, write_json, write_text
 
 SCORED = ("information_10s", "information_mean", "information_end", "change_speed", "change_yaw_rate")
 """Scores that are drawn in TensorBoard."""
@@ -58,18 +60,28 @@ def train(config: TrainConfig, out: Path, *, command: str = "") -> Path:
         The best policy's file, ONNX or where there can be none Stable-Baselines3's.
 
     Raises:
-        ConfigError: the folder is of another run.
+        ConfigError: the folder is of another run, or has a file that is damaged.
+        ValueError: another process works on it.
         DivergedError: the weights are no numbers any more; the last checkpoint stays.
     """
-    claim(config, out, command)
-    if (out / DONE).exists():
-        return out / str(json.loads((out / DONE).read_text(encoding="utf-8"))["policy"])
-    with Show(config.steps, config.evaluation.score) as show:
-        run = Run(config, out, show=show)
-        run.learn()
-        policy = run.finish()
-        write_json(out / DONE, {"steps": run.steps, "policy": policy.name})
+    with alone(out):
+        claim(config, out, command)
+        if (out / DONE).exists():
+            return out / _policy_of(out / DONE)
+        with Show(config.steps, config.evaluation.score) as show:
+            run = Run(config, out, show=show)
+            run.learn()
+            policy = run.finish()
+            write_json(out / DONE, {"steps": run.steps, "policy": policy.name})
     return policy
+
+
+def _policy_of(path: Path) -> str:
+    """Name of the policy of a run that is over."""
+    try:
+        return next(name for name in (POLICY, SAVED) if name == read_json(path)["policy"])
+    except (ValueError, TypeError, KeyError, StopIteration):
+        raise ConfigError(f"{path} is damaged: remove it, and the same command ends the run again") from None
 
 
 class Run:
@@ -99,7 +111,7 @@ class Run:
         self._journal = Journal(out / EVALUATION)
         path = out / CHECKPOINT
         if path.exists():
-            state = checkpoints.read(path)
+            state = checkpoints.read(path, code_in(config.to_dict()))
             checkpoints.restore(self.model, state["model"])
             self.best, self._evaluated, self._saved = state["best"], state["evaluated"], state["saved"]
             self._seconds = state["seconds"]
@@ -114,11 +126,13 @@ class Run:
     def _compare(self) -> dict[str, dict[str, float]]:
         """Scores of the scripts, played once for the folder."""
         path = self._out / SCRIPTS
-        if not path.exists():
-            found = compare(self.config, tell=lambda name: self._show.doing(f"plays {name}"))
-            write_text(path, json.dumps({name: means(each) for name, each in found.items()}))
-        scripts: dict[str, dict[str, float]] = json.loads(path.read_text(encoding="utf-8"))
-        return scripts
+        try:
+            return TypeAdapter(dict[str, dict[str, float]]).validate_python(read_json(path))
+        except (FileNotFoundError, ValueError):  # not there, or damaged
+            played = compare(self.config, tell=lambda name: self._show.doing(f"plays {name}"))
+            found = {name: means(each) for name, each in played.items()}
+            write_json(path, found, indent=None)
+            return found
 
     @property
     def script(self) -> str:
@@ -176,7 +190,7 @@ class Run:
         score = value(found, evaluation.score)
         if "policy" not in self.best or score > self.best["score"]:  # a time of what never happens is -inf
             normaliser = self.model.get_vec_normalize_env()
-            statistics = deepcopy(normaliser.obs_rms) if normaliser is not None else None
+            statistics = deepcopy(vars(normaliser.obs_rms)) if normaliser is not None else None
             policy = {name: value.clone() for name, value in self.model.policy.state_dict().items()}
             self.best = {"score": score, "steps": self.steps, "policy": policy, "statistics": statistics}
         script = self.script
@@ -201,7 +215,7 @@ class Run:
         self.model.policy.load_state_dict(self.best["policy"])
         normaliser = self.model.get_vec_normalize_env()
         if normaliser is not None:
-            normaliser.obs_rms = self.best["statistics"]
+            normaliser.obs_rms = checkpoints.running(self.best["statistics"])
 
     def finish(self) -> Path:
         """Write the best policy: as Stable-Baselines3's files, as ONNX with its card, and as a film."""

@@ -8,11 +8,12 @@ import optuna
 import yaml
 from optuna.trial import FrozenTrial, TrialState
 
+from agents.alone import alone
 from relloc_env.config import ConfigError, put
+from relloc_env.files import write_whole
 from train.config import TrainConfig, load
 from train.folder import claim
 from train.run import DivergedError, Run
-from train.whole import write_text
 
 STUDY, BEST, FOLDER = "study.db", "best.yaml", "folder"
 Tell = Callable[[str], None]
@@ -35,9 +36,16 @@ def tune(config: TrainConfig, trials: int, out: Path, tell: Tell) -> Path:
 
     Raises:
         ConfigError: nothing to search, or a folder of another study.
+        ValueError: another process works on it.
     """
     if not config.search:
         raise ConfigError("Argument `search` must name what to search, but is empty")
+    with alone(out):
+        return _tune(config, trials, out, tell)
+
+
+def _tune(config: TrainConfig, trials: int, out: Path, tell: Tell) -> Path:
+    """As `tune`, in a folder that nobody else works on."""
     claim(config, out)
     optuna.logging.set_verbosity(optuna.logging.WARNING)
     study = optuna.create_study(
@@ -56,7 +64,7 @@ def tune(config: TrainConfig, trials: int, out: Path, tell: Tell) -> Path:
     best = study.best_trial
     found = _with(config, {name: each.draw(best, name) for name, each in config.search.items()}).to_dict()
     path = out / BEST
-    write_text(path, yaml.safe_dump(found, sort_keys=False))
+    write_whole(path, yaml.safe_dump(found, sort_keys=False))
     return path
 
 
@@ -87,7 +95,7 @@ def _one(study: optuna.Study, config: TrainConfig, out: Path) -> FrozenTrial:
 def _play(trial: optuna.Trial, config: TrainConfig, out: Path) -> float:
     """One trial: the best score on the validation episodes."""
     values = {name: each.draw(trial, name) for name, each in config.search.items()}
-    folder = trial.user_attrs.get(FOLDER, _folder(trial))
+    folder = Path(trial.user_attrs.get(FOLDER, _folder(trial))).name  # within the study, whatever its file says
     trial.set_user_attr(FOLDER, folder)
     chosen = _with(config, values)
     claim(chosen, out / folder)

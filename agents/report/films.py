@@ -8,9 +8,10 @@ from PIL import Image
 
 from agents.jobs import Job
 from agents.policy import Task
-from agents.registry import make
+from agents.registry import make, refuse_agents
 from agents.rollout import rollout
 from relloc_env.envs.parallel import RellocParallelEnv
+from relloc_env.places import refuse_code
 
 SMALLER = 2
 """Times as small as the environment's own picture, which is 960 px wide."""
@@ -22,9 +23,16 @@ PAUSE = 1.5
 """[s] that the last picture stays."""
 
 
-def film(job: Job) -> str:
-    """A data URI of the first episode of a job, drawn."""
+def film(job: Job, *, trust: bool = False) -> str:
+    """A data URI of the first episode of a job, drawn.
+
+    Raises:
+        UntrustedError: code would run that the job names, without `trust`.
+    """
     config, seeds = replace(job, episodes=1).configurations()[0]
+    if not trust:
+        refuse_agents([job.agent], "The folder")
+        refuse_code(config.to_dict(), "The folder")
     env = RellocParallelEnv(config, bound=True, render_mode="rgb_array")
     episode = rollout(env, make(job.agent, Task.of(env)), seeds[0], frames=True)
     env.close()

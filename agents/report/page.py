@@ -1,6 +1,5 @@
 """The page: everything together, and the file it is written to."""
 
-import json
 import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -17,6 +16,7 @@ from agents.report.films import film
 from agents.report.maps import maps
 from agents.report.summary import plain, summarise
 from agents.results import Result, failures, load, of
+from relloc_env.files import write_json, write_whole
 from relloc_env.metrics import chi2_quantile
 
 CHOSEN = 3
@@ -30,19 +30,28 @@ Warn = Callable[[str], None]
 """Called with a line about what is amiss."""
 
 
-def report(out: Path, *, animations: bool = True, tell: Tell = lambda *_: None, warn: Warn = lambda _: None) -> Path:
+def report(
+    out: Path,
+    *,
+    animations: bool = True,
+    trust: bool = False,
+    tell: Tell = lambda *_: None,
+    warn: Warn = lambda _: None,
+) -> Path:
     """Write `report.html` and `summary.json` into a folder of results; return the page's place.
 
     Args:
         out: folder that `agents.benchmark.benchmark` has filled.
         animations: whether each agent's first episode is drawn, which takes some seconds each.
+        trust: whether those are drawn too for which code runs that the folder names: agents, estimators and detectors
+            that are not the project's, pickled policies.
         tell: told what is being done.
-        warn: told which jobs of the benchmark have failed, and which films cannot be drawn.
+        warn: told which jobs of the benchmark have failed, which results are damaged, and which films are not drawn.
 
     Raises:
         ValueError: a folder without results.
     """
-    asked, results = load(out)
+    asked, results = load(out, warn)
     failed = failures(out)
     if not results:
         what = f"; failed: {'; '.join(map(str, failed))}" if failed else " yet"
@@ -51,7 +60,7 @@ def report(out: Path, *, animations: bool = True, tell: Tell = lambda *_: None, 
         warn(f"failed, and is not on the page: {failure}")
     tell("tables", 0.0)
     summary = summarise(asked, results, failed, out)
-    (out / "summary.json").write_text(json.dumps(plain(summary), indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    write_json(out / "summary.json", plain(summary), allow_nan=False)
     places = {name: k for k, name in enumerate(summary["ranking"])}
     suites = []
     for k, name in enumerate(summary["suites"]):
@@ -62,7 +71,7 @@ def report(out: Path, *, animations: bool = True, tell: Tell = lambda *_: None, 
     for k, name in enumerate(places if animations else ()):
         tell(f"film: {name}", 0.6 + 0.4 * k / len(places))
         try:
-            films[name] = film(_filmed(asked, results, name).job)
+            films[name] = film(_filmed(asked, results, name).job, trust=trust)
         except Exception as error:  # noqa: BLE001 - anyone's agent may raise anything, or be there no more
             unfilmed[name] = f"{type(error).__name__}: {error}"
             warn(f"no film of {name}: {unfilmed[name]}")
@@ -72,7 +81,7 @@ def report(out: Path, *, animations: bool = True, tell: Tell = lambda *_: None, 
         film_of=_film_of(asked, results, films),
     )  # fmt: skip
     place = out / "report.html"
-    place.write_text(page, encoding="utf-8")
+    write_whole(place, page)
     tell("", 1.0)
     return place
 

@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from docs.figures import bound, motion, observer, pose
+from relloc_env.console import lenient
 
 FIGURES: Mapping[str, Callable[[Path], None]] = {
     "motion": motion.draw,
@@ -27,4 +28,5 @@ def main(
 
 
 if __name__ == "__main__":
+    lenient()
     typer.run(main)

@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse
 
+from relloc_env.files import whole
 from relloc_env.rendering import robot_colour, target_colours
 from relloc_env.samples import Float
 
@@ -53,7 +54,8 @@ def page(path: Path, height: float) -> Iterator[Figure]:
     with mpl.rc_context(_STYLE):
         figure = Figure(figsize=(WIDTH, height), layout="constrained")
         yield figure
-        figure.savefig(path, metadata={"Date": None})
+        with whole(path) as partial:
+            figure.savefig(partial, metadata={"Date": None})
 
 
 def robot(axes: "Axes", pose: Sequence[float] | Float, index: int = 0, *, size: float = 0.22) -> None:

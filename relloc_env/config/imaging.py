@@ -8,6 +8,7 @@ from pydantic import field_serializer, field_validator
 
 from relloc_env.config.base import Colour, Finite, Model, NonNegative, Positive
 from relloc_env.places import place_of
+from relloc_env.quoting import quote
 
 PALETTE: tuple[Colour, ...] = (
     (214, 40, 40), (30, 90, 214), (40, 170, 60), (232, 190, 20), (190, 40, 190), (20, 180, 190), (236, 120, 20),
@@ -80,7 +81,7 @@ class ImageConfig(Model):
     @classmethod
     def _five(cls, value: Any) -> Any:
         if isinstance(value, list | tuple) and len(value) != 5:
-            raise ValueError(f"must be five numbers k1, k2, p1, p2, k3, but is {value!r}")
+            raise ValueError(f"must be five numbers k1, k2, p1, p2, k3, but is {quote(value)}")
         return value
 
     @field_validator("detector", mode="before")
@@ -88,7 +89,7 @@ class ImageConfig(Model):
     def _known(cls, value: Any) -> Any:
         known = value in DETECTORS or ":" in value if isinstance(value, str) else value is None or callable(value)
         if not known:
-            raise ValueError(f"must be one of {', '.join(DETECTORS)}, a factory or its place, but is {value!r}")
+            raise ValueError(f"must be one of {', '.join(DETECTORS)}, a factory or its place, but is {quote(value)}")
         return value
 
     @field_serializer("detector", when_used="json")
@@ -99,7 +100,7 @@ class ImageConfig(Model):
         if place is None:
             raise ValueError(
                 "Argument `camera.image.detector` must be a class or function that its module has by name, or "
-                f"'path/to/file.py:Name', to be written down as plain data, but is {value!r}"
+                f"'path/to/file.py:Name', to be written down as plain data, but is {quote(value)}"
             )
         return place
 

@@ -9,10 +9,15 @@ import yaml
 from pydantic import BaseModel, ValidationError
 
 from relloc_env.config.models import ConfigError, EnvConfig, hint
+from relloc_env.config.parsing import parse
 from relloc_env.config.parts import KINDS, CameraConfig
 from relloc_env.estimators.registry import resolve
+from relloc_env.places import refuse_code
+from relloc_env.quoting import cut, quote
 
 M = TypeVar("M", bound=BaseModel)
+LINES, LINE, WHOLE = 8, 800, 1800
+"""Most lines of an error, and characters in each and in all of them."""
 
 
 def validate(model: type[M], data: Any) -> M:
@@ -20,7 +25,9 @@ def validate(model: type[M], data: Any) -> M:
     try:
         return model.model_validate(data)
     except ValidationError as error:
-        raise ConfigError("\n".join(_explain(model, data, e) for e in error.errors())) from None
+        lines = [cut(_explain(model, data, e), LINE) for e in error.errors()[:LINES]]
+        rest = error.error_count() - len(lines)
+        raise ConfigError(cut("\n".join([*lines, f"and {rest} more"] if rest else lines), WHOLE)) from None
 
 
 _TAGS = ("disc", "box", "cascade", "inverse-depth", "map-alignment", "own")
@@ -42,13 +49,13 @@ def _explain(model: type[BaseModel], data: Any, error: Any) -> str:
         choice = f"Argument `{name}.{error['ctx']['discriminator']}`".replace("'", "")
         if error["type"] == "union_tag_not_found":
             return f"{choice} must be given, but is missing"
-        return f"{choice} must be one of {error['ctx']['expected_tags']}, but is {error['ctx']['tag']!r}"
+        return f"{choice} must be one of {error['ctx']['expected_tags']}, but is {quote(error['ctx']['tag'])}"
     message = str(error["msg"]).removeprefix("Value error, ").replace("Input should be", "must be")
     if message.startswith(("Argument", "Unknown")):
         return message
     what = f"Argument `{name}`" if name else "The configuration"
     shown = error["input"]
-    tail = f", but is {shown!r}" if "but" not in message and not isinstance(shown, Mapping) else ""
+    tail = f", but is {quote(shown)}" if "but" not in message and not isinstance(shown, Mapping) else ""
     return f"{what} {message}{tail}"
 
 
@@ -78,19 +85,30 @@ def _models(parent: type[BaseModel], field: str) -> list[type[BaseModel]]:
     return found
 
 
-def read_file(path: str | Path) -> dict[str, Any]:
-    """Read a YAML or JSON file with a mapping in it."""
+def read_file(path: str | Path, *, trust: bool = False) -> dict[str, Any]:
+    """Read a YAML or JSON file with a mapping in it.
+
+    Args:
+        path: of the file.
+        trust: whether it may name code that would run (`relloc_env.places`).
+
+    Raises:
+        ConfigError: a file that cannot be read, or has something else in it.
+        UntrustedError: one that names code.
+    """
     path = Path(path)
     if path.suffix not in (".yaml", ".yml", ".json"):
         raise ConfigError(f"Argument `config` must be a .yaml, .yml or .json file, but is {str(path)!r}")
     try:
-        data = yaml.safe_load(path.read_text(encoding="utf-8"))
+        data = parse(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise ConfigError(f"Argument `config` must be a readable file, but {str(path)!r}: {error.strerror}") from None
     except (yaml.YAMLError, ValueError, RecursionError) as error:  # ValueError: no text, or a date that is none
-        raise ConfigError(f"{path} must be YAML or JSON, but: {error}") from None
+        raise ConfigError(f"{path} must be YAML or JSON, but: {cut(str(error), LINE)}") from None
     if not isinstance(data, dict):
         raise ConfigError(f"{path} must hold a mapping, but holds {type(data).__name__}")
+    if not trust:
+        refuse_code(data, path)
     return data
 
 
@@ -112,7 +130,7 @@ def put(data: dict[str, Any], path: str, value: Any) -> None:
         inside = _in_full(part, data.get(part, {}))
         if not isinstance(inside, Mapping):
             place = ".".join(parents[: k + 1])
-            raise ConfigError(f"Argument `{place}` must be a mapping for `{path}` to be set, but is {inside!r}")
+            raise ConfigError(f"Argument `{place}` must be a mapping for `{path}` to be set, but is {quote(inside)}")
         data[part] = dict(inside)
         data = data[part]
     data[last] = _under(last, data.get(last), value) if isinstance(value, str) else value
@@ -150,11 +168,12 @@ def override(data: dict[str, Any], text: str) -> None:
     """
     path, equals, value = text.partition("=")
     if not equals or not path:
-        raise ConfigError(f"Overrides must look like `path.to.field=value`, but one is {text!r}")
+        raise ConfigError(f"Overrides must look like `path.to.field=value`, but one is {quote(text)}")
     try:
-        put(data, path, yaml.safe_load(value))
-    except yaml.YAMLError:
-        raise ConfigError(f"The value of `{path}` must be YAML, but is {value!r}") from None
+        found = parse(value)
+    except (yaml.YAMLError, ValueError, RecursionError):
+        raise ConfigError(f"The value of `{path}` must be YAML, but is {quote(value)}") from None
+    put(data, path, found)
 
 
 def merge(base: Mapping[str, Any], extra: Mapping[str, Any]) -> dict[str, Any]:
@@ -189,7 +208,11 @@ TASKS = {"relloc_env/ActiveDepth-v0": 1, "relloc_env/RelativePose-v0": 2}
 
 
 def load_config(
-    config: EnvConfig | Mapping[str, Any] | str | Path | None = None, *, task: str | None = None, **options: Any
+    config: EnvConfig | Mapping[str, Any] | str | Path | None = None,
+    *,
+    task: str | None = None,
+    trust: bool = False,
+    **options: Any,
 ) -> EnvConfig:
     """Build a configuration of an environment.
 
@@ -197,10 +220,12 @@ def load_config(
         config: an `EnvConfig`, a mapping, a YAML or JSON file, the name of a scenario (`relloc_env.scenarios`), or None
             for the default task. A mapping or file may name the scenario it changes as `scenario`.
         task: the id of an environment (of `TASKS`), which says how many robots there are.
+        trust: whether a file may name code that would run: an estimator or a detector of its own.
         **options: put over it; a mapping changes only the entries it names.
 
     Raises:
         ConfigError: an unknown option (with a suggestion), a value that cannot be, or robots that the id does not have.
+        UntrustedError: a file that names code, without `trust`.
     """
     from relloc_env.scenarios import scenario  # scenarios are built of configurations
 
@@ -212,7 +237,7 @@ def load_config(
     elif isinstance(config, str) and not config.endswith((".yaml", ".yml", ".json")):
         data = {"scenario": config}
     elif isinstance(config, str | Path):
-        data = read_file(config)
+        data = read_file(config, trust=trust)
     elif config is None or isinstance(config, Mapping):
         data = dict(config or {})
     else:
@@ -229,9 +254,9 @@ def load_config(
 def _for_task(data: dict[str, Any], task: str) -> dict[str, Any]:
     """Return the data with the number of robots of an id, or raise where another is stated."""
     if task not in TASKS:
-        raise ConfigError(f"Argument `task` must be one of {', '.join(TASKS)}, but is {task!r}")
+        raise ConfigError(f"Argument `task` must be one of {', '.join(TASKS)}, but is {quote(task)}")
     robots = data.get("robots", TASKS[task])
     if robots != TASKS[task]:
         other = next((f"; `{name}` has so many" for name, count in TASKS.items() if count == robots), "")
-        raise ConfigError(f"Argument `robots` must be {TASKS[task]} for `{task}`, but is {robots!r}{other}")
+        raise ConfigError(f"Argument `robots` must be {TASKS[task]} for `{task}`, but is {quote(robots)}{other}")
     return {**data, "robots": robots}

@@ -24,6 +24,7 @@ from relloc_env.config.parts import (
 )
 from relloc_env.estimators.config import CascadeConfig, EstimatorConfig
 from relloc_env.estimators.registry import resolve
+from relloc_env.quoting import quote
 
 
 class ConfigError(ValueError):
@@ -158,7 +159,7 @@ class EnvConfig(Model):
             kind = self.estimator and self.estimator.kind
             raise ValueError(
                 'must have an `estimator` with gains (`cascade`, `cascade-critical`) for `action` "motion+gains", '
-                f"but has {kind!r}"
+                f"but has {quote(kind)}"
             )
         if self.message_window > 64:
             raise ValueError(
@@ -198,7 +199,7 @@ class EnvConfig(Model):
                 fits = next(name for name, found in DETECTORS.items() if found == kind)
                 raise ValueError(
                     f"must have a `camera.image.detector` that finds the `marker.kind` {kind!r}, such as {fits!r}, but "
-                    f"it is {detector!r}"
+                    f"it is {quote(detector)}"
                 )
             for m in range(self.targets if kind == "sphere" else 0):
                 colour = shown.colour_of(m)

@@ -8,6 +8,7 @@ from pydantic import Field, field_validator, model_validator
 
 from relloc_env.config.base import Bounds, Colour, Finite, Model, NonNegative, Pair, Positive, Range
 from relloc_env.config.imaging import ImageConfig
+from relloc_env.quoting import quote
 
 
 class RobotConfig(Model):
@@ -84,7 +85,7 @@ class CameraConfig(Model):
         if isinstance(data, str):
             if data not in CAMERAS and data not in KINDS:
                 raise ValueError(
-                    f"must be a preset ({', '.join(CAMERAS)}) or a kind ({', '.join(KINDS)}), but is {data!r}"
+                    f"must be a preset ({', '.join(CAMERAS)}) or a kind ({', '.join(KINDS)}), but is {quote(data)}"
                 )
             data = {"kind": data} if data in KINDS else {"preset": data}
         if not isinstance(data, Mapping):
@@ -101,7 +102,7 @@ class CameraConfig(Model):
             if "focal_length" in data:
                 raise ValueError("must have `focal_length` or `field_of_view`, not both")
             if not isinstance(angle, int | float) or not 0.0 < angle < 180.0:
-                raise ValueError(f"must have a `field_of_view` between 0 and 180 degrees, but it is {angle!r}")
+                raise ValueError(f"must have a `field_of_view` between 0 and 180 degrees, but it is {quote(angle)}")
             if isinstance(width, int | float):
                 data["focal_length"] = 0.5 * width / math.tan(0.5 * math.radians(angle))
         if isinstance(width, int | float) and isinstance(height, int | float):

@@ -9,6 +9,7 @@ from pydantic import Field, field_validator, model_validator
 from relloc_env.config import ConfigError, EnvConfig, load_config, validate
 from relloc_env.config.base import Model
 from relloc_env.envs.onboard import informed
+from relloc_env.quoting import quote
 from relloc_env.scenarios import suite
 
 Number = int | float
@@ -35,7 +36,7 @@ class Span(Model):
         least, greatest = np.atleast_1d(self.least), np.atleast_1d(self.greatest)
         if least.shape != greatest.shape or not (np.isfinite(least) & np.isfinite(greatest)).all():
             raise ValueError(
-                f"must go from finite numbers to as many, but goes from {self.least!r} to {self.greatest!r}"
+                f"must go from finite numbers to as many, but goes from {quote(self.least)} to {quote(self.greatest)}"
             )
         return self
 

@@ -18,6 +18,7 @@ from pydantic import (
 )
 
 from relloc_env.places import place_of
+from relloc_env.quoting import quote
 
 LEAST_IMAGE_NOISE = 1e-4
 """[-] a camera without noise is taken to have this much: covariances stay regular."""
@@ -29,7 +30,7 @@ Gain = PositiveFloat | Annotated[tuple[PositiveFloat, ...], Field(min_length=1)]
 def suggest(word: str, known: list[str]) -> str:
     """Return what to add to an error about an unknown `word`: the nearest known one, if any, and the list."""
     near = difflib.get_close_matches(word, known, n=1)
-    guess = f" Did you mean {near[0]!r}?" if near else ""
+    guess = f" Did you mean {quote(near[0])}?" if near else ""
     return f"{guess} Known: {', '.join(sorted(known))}."
 
 
@@ -44,7 +45,7 @@ class EstimatorOptions(BaseModel):
         if isinstance(data, Mapping):
             for key in data:
                 if key not in cls.model_fields:
-                    raise ValueError(f"Unknown option {key!r}.{suggest(str(key), list(cls.model_fields))}")
+                    raise ValueError(f"Unknown option {quote(key)}.{suggest(str(key), list(cls.model_fields))}")
         return data
 
 
@@ -188,7 +189,7 @@ class OwnConfig(EstimatorOptions):
         if not (place and name):
             raise ValueError(
                 "Argument `estimator.factory` must be a class, a function, 'module:Name' or 'path/to/file.py:Name', "
-                f"but is {value!r}"
+                f"but is {quote(value)}"
             )
         return value
 
@@ -199,7 +200,7 @@ class OwnConfig(EstimatorOptions):
         if not self.has_place:
             raise ValueError(
                 "Argument `estimator.factory` must be a class or function that its module has by name, or "
-                f"'path/to/file.py:Name', to be written down as plain data, but is {value!r}"
+                f"'path/to/file.py:Name', to be written down as plain data, but is {quote(value)}"
             )
         return f"{value.__module__}:{value.__qualname__}"
 
@@ -272,6 +273,6 @@ def from_mapping(data: Mapping[str, Any]) -> AnyConfig:
     if data.get("kind") not in kinds:
         given = data.get("kind", "missing")
         raise ValueError(
-            f"Argument `kind` must be the kind of an estimator, but is {given!r}.{suggest(str(given), kinds)}"
+            f"Argument `kind` must be the kind of an estimator, but is {quote(given)}.{suggest(str(given), kinds)}"
         )
     return _ADAPTER.validate_python(dict(data))

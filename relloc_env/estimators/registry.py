@@ -13,6 +13,7 @@ from relloc_env.estimators.config import (
     suggest,
 )
 from relloc_env.estimators.protocol import Estimator
+from relloc_env.quoting import quote
 
 Factory = Callable[..., Estimator]
 """Builds an estimator: `factory(num_envs, robots, points, message_window=...)`."""
@@ -30,7 +31,7 @@ def resolve(estimator: str | AnyConfig | Mapping[str, Any] | Factory) -> AnyConf
     if isinstance(estimator, str):
         if estimator not in PRESETS:
             raise ValueError(
-                f"Argument `estimator` must be the name of an estimator, but is {estimator!r}."
+                f"Argument `estimator` must be the name of an estimator, but is {quote(estimator)}."
                 f"{suggest(estimator, names())}"
             )
         return PRESETS[estimator]
@@ -71,7 +72,7 @@ def make(
     ):
         if value < 1 or (high is not None and value > high):
             span = "at least 1" if high is None else f"from 1 to {high}"
-            raise ValueError(f"Argument `{label}` must be {span}, but is {value!r}.")
+            raise ValueError(f"Argument `{label}` must be {span}, but is {quote(value)}.")
     if isinstance(config, OwnConfig):
         from relloc_env.estimators.own import make_own
 

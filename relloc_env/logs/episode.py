@@ -13,7 +13,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from relloc_env.files import write_whole
+from relloc_env.files import whole, write_json
 from relloc_env.logs.errors import LogError
 from relloc_env.logs.source import Log, Truth
 from relloc_env.samples import Float, Prior, Samples, ordered_pairs
@@ -47,7 +47,7 @@ def _plain(array: NDArray[Any]) -> Any:
 
 
 def _write_csv(path: Path, names: Iterable[str], table: Float, formats: Sequence[str]) -> None:
-    with path.open("w", encoding="utf-8", newline="\n") as file:
+    with whole(path) as partial, partial.open("w", encoding="utf-8", newline="\n") as file:
         np.savetxt(file, table, fmt=list(formats), delimiter=",", header=",".join(names), comments="")
 
 
@@ -108,7 +108,7 @@ def write_log(path: str | Path, log: Log) -> Path:
         "warnings": list(log.warnings),
     }
     # The header comes last: without it, a folder holds no log.
-    write_whole(folder / HEADER, json.dumps(header, indent=1, allow_nan=False) + "\n")
+    write_json(folder / HEADER, header, allow_nan=False)
     return folder
 
 

@@ -1,6 +1,5 @@
 """What the paper says, beside what was measured."""
 
-import json
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
@@ -9,6 +8,8 @@ from pathlib import Path
 import numpy as np
 from rich.table import Table
 from rich.text import Text
+
+from relloc_env.files import write_json
 
 
 @dataclass(frozen=True)
@@ -44,7 +45,7 @@ def _rounded(value: float) -> float | None:
 
 def write_claims(claims: Iterable[Claim], path: Path) -> None:
     """Write the claims as a JSON list."""
-    path.write_text(json.dumps([asdict(one) for one in claims], indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
+    write_json(path, [asdict(one) for one in claims], indent=2, ensure_ascii=False)
 
 
 def claims_table(claims: Iterable[Claim]) -> Table:

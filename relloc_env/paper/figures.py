@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Wedge
 
 from relloc_env.config import load_config
+from relloc_env.files import whole
 from relloc_env.paper.claims_experiment import PAPER_TIMES, TIME_TOLERANCE
 from relloc_env.paper.runs import CONVERGED, Run
 from relloc_env.paper.studies import (
@@ -73,7 +74,8 @@ def draw_figures(studies: Studies, out: Path) -> list[Path]:
             draw(figure, studies)
             for suffix in FORMATS:
                 paths.append(out / f"{name}.{suffix}")
-                figure.savefig(paths[-1], dpi=200, metadata={"Date": None} if suffix == "svg" else None)
+                with whole(paths[-1]) as partial:
+                    figure.savefig(partial, dpi=200, metadata={"Date": None} if suffix == "svg" else None)
     return paths
 
 

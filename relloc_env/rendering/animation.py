@@ -6,6 +6,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from relloc_env.files import whole
+
 Picture = NDArray[np.uint8]
 
 _PALETTE_FROM = 12
@@ -39,7 +41,8 @@ def save_animation(frames: Sequence[Picture], path: str | Path, fps: float = 20.
             raise ValueError(f"Argument `fps` must be at most 50 in a GIF, but is {fps}.")
         _save_gif(frames, path, fps)
     elif path.suffix == ".mp4":
-        _save_mp4(frames, path, fps)
+        with whole(path) as partial:
+            _save_mp4(frames, partial, fps)
     else:
         raise ValueError(f"Argument `path` must end in .gif or .mp4, but is {str(path)!r}.")
 
@@ -54,10 +57,11 @@ def _save_gif(frames: Sequence[Picture], path: Path, fps: float) -> None:
     ends = [round((k + 1) / fps / _GIF_TICK) for k in range(len(frames))]
     durations = [10 * (end - start) for start, end in zip([0, *ends], ends, strict=False)]
     first = next(pictures)
-    first.save(path, save_all=True, append_images=pictures, duration=durations, loop=0, optimize=False)
+    with whole(path) as partial:
+        first.save(partial, save_all=True, append_images=pictures, duration=durations, loop=0, optimize=False)
 
 
-def _save_mp4(frames: Iterable[Picture], path: Path, fps: float) -> None:
+def _save_mp4(frames: Iterable[Picture], partial: Path, fps: float) -> None:
     import imageio_ffmpeg
 
     writer = None
@@ -65,7 +69,7 @@ def _save_mp4(frames: Iterable[Picture], path: Path, fps: float) -> None:
         height, width = picture.shape[0] // 2 * 2, picture.shape[1] // 2 * 2
         if writer is None:
             writer = imageio_ffmpeg.write_frames(
-                str(path),
+                str(partial),
                 (width, height),
                 fps=fps,
                 codec="libx264",

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -10,6 +10,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from relloc_env.files import whole
 from relloc_env.rendering.camera_view import ImageFrame, draw_camera
 from relloc_env.rendering.canvas import Canvas
 from relloc_env.rendering.geometry import SIGMAS, axes, in_space
@@ -49,7 +50,8 @@ class RerunFile:
         self.path.parent.mkdir(parents=True, exist_ok=True)
         self._rr, self._started = rerun, False
         self._stream = rerun.RecordingStream("relloc_env")
-        self._stream.save(self.path)
+        self._closing = ExitStack()
+        self._stream.save(self._closing.enter_context(whole(self.path)))
         self._stream.send_recording_name(name)
         self._canvases: dict[tuple[int, int], Canvas] = {}
         self._last: Scene | None = None
@@ -73,7 +75,7 @@ class RerunFile:
         self._last = scene
 
     def close(self) -> Path:
-        """Finish the file and return its path."""
+        """Finish the file, put it in its place and return its path."""
         if self._last is not None:
             for robot, trail in enumerate(self._last.trails):
                 line = np.column_stack([trail, np.zeros(len(trail))])
@@ -81,6 +83,7 @@ class RerunFile:
                 self._log(f"world/ways/{_robot(robot)}", shape, static=True)
         self._stream.flush()
         self._stream.disconnect()
+        self._closing.close()
         return self.path
 
     def __enter__(self) -> Self:
