@@ -35,14 +35,12 @@ Out = Annotated[Path, typer.Option(help="Folder for the results; made where it i
 
 @app.command()
 def paper(out: Out) -> None:
-    """Reproduce the paper's simulations and experiment: claims.json and the figures."""
+    """Reproduce the paper's simulations and experiment: claims.json, claims.md and the figures."""
     with _plain_errors(), _progress() as tell:
-        from relloc_env.paper import claims_table, reproduce
+        from relloc_env.paper import claims_table, reproduce, tally
 
         claims = reproduce(out, lambda words: tell(words, None))
-    _print(
-        claims_table(claims), f"{sum(one.holds for one in claims)} of {len(claims)} claims hold as printed; see {out}/"
-    )
+    _print(claims_table(claims), f"{tally(claims)}; see {out}/")
 
 
 @app.command()

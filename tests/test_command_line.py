@@ -228,7 +228,7 @@ class TestBadInput:
 
 
 def test_paper_is_handed_over(monkeypatch, tmp_path):
-    from relloc_env.paper import Claim
+    from relloc_env.paper import Claim, Verdict
 
     calls = []
 
@@ -236,12 +236,12 @@ def test_paper_is_handed_over(monkeypatch, tmp_path):
         report("something")
         calls.append(out)
         return [
-            Claim("one", "text", "III", "yes", {"x": 1.0}, True, ""),
-            Claim("two", "text", "IV", "no", {}, False, ""),
+            Claim("one", "text", "III", {"x": 1.0}, Verdict.HOLDS, ""),
+            Claim("two", "text", "IV", {}, Verdict.CONSISTENT, ""),
         ]
 
     monkeypatch.setattr("relloc_env.paper.reproduce", reproduce)
     result = run.invoke(app, ["paper", "--out", str(tmp_path)])
     assert result.exit_code == 0, result.output
     assert calls == [tmp_path]
-    assert "1 of 2 claims hold as printed" in result.output
+    assert "2 printed sentences: holds 1, does not hold 0, consistent with 1, undetermined 0; see" in result.output

@@ -6,11 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from agents.report.columns import COMPARED, J_10, J_END, MADE, MOVED, TOLD, Column, Figure, shown
-
-WHOLE = 100.0
-"""From here on numbers are written without decimals."""
-LARGE = 1e4
-"""From here on numbers are written with a power of ten."""
+from relloc_env.numerals import number
 
 
 @dataclass(frozen=True)
@@ -43,27 +39,16 @@ class Table:
     rows: dict[str, list[Cell]]
 
 
-def number(value: float, digits: int, *, sign: bool = False) -> str:
-    """A number with so many digits behind the point, none from 100 on; `never` for infinity, a dash for NaN."""
-    if math.isnan(value):
-        return "–"
-    if math.isinf(value):
-        return "never"
-    if abs(value) >= LARGE:
-        return f"{value:.0e}".replace("e+0", "e").replace("e+", "e")
-    return f"{value:{'+' if sign else ''}.{0 if abs(value) >= WHOLE else digits}f}".replace("-", "−")
-
-
 def cell(figure: Figure, column: Column) -> Cell:
     """A figure in the units of its column, with its interval or the share that got there."""
     digits, scale = column.digits, column.scale
     notes = []
     if not math.isnan(figure.low) and figure.low != figure.high:
         between = "–" if figure.low >= 0.0 else " … "
-        notes.append(between.join(number(scale * end, digits) for end in (figure.low, figure.high)))
+        notes.append(between.join(number(scale * end, digits, error=column.error) for end in (figure.low, figure.high)))
     if not math.isnan(figure.share):
         notes.append(f"{100.0 * figure.share:.0f} %")
-    return Cell(number(scale * figure.value, digits), " · ".join(notes))
+    return Cell(number(scale * figure.value, digits, error=column.error), " · ".join(notes))
 
 
 def tables(part: Mapping[str, Any], band: Sequence[float], robots: int) -> list[Table]:

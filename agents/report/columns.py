@@ -56,6 +56,11 @@ class Column:
         """Its name in summary.json."""
         return f"{self.score}_{self.kind}" if self.kind else self.score
 
+    @property
+    def error(self) -> str:
+        """The unit of an error at the end, which says nothing where it is very large; empty for what is none."""
+        return self.unit if self.score.endswith("_end") and self.better < 0 else ""
+
     def name(self, robots: int) -> str:
         """What stands above it."""
         return self.alone[0] if robots == 1 and self.alone is not None else self.head

@@ -7,9 +7,9 @@ from types import MappingProxyType
 import numpy as np
 from scipy import stats
 
-from agents.report.cells import number
 from agents.report.columns import J_10, J_END, MADE, MOVED, TOLD, Column, shown
 from agents.report.summary import command
+from relloc_env.numerals import number
 from agents.results import Result, load, of
 from agents.statistics import mean_difference
 from relloc_env.config import TASKS
@@ -144,7 +144,8 @@ def _columns(results: Sequence[Result], columns: Sequence[Column], robots: int) 
         for column in columns:
             figure = column.of(result.scores[column.score])
             value, *ends = (
-                number(column.scale * part, column.digits) for part in (figure.value, figure.low, figure.high)
+                number(column.scale * part, column.digits, error=column.error)
+                for part in (figure.value, figure.low, figure.high)
             )
             note = f" [{', '.join(ends)}]" if np.isfinite(figure.low) and column in (J_END, J_10) else ""
             cells.append(value + note + ("" if np.isnan(figure.share) else f" ({100.0 * figure.share:.0f} %)"))

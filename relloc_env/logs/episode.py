@@ -3,7 +3,6 @@
 Any simulated episode can be written to it, and any other log.
 """
 
-import json
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path

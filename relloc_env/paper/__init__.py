@@ -6,16 +6,16 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from relloc_env.paper.claim import Claim, claims_table, write_claims
+from relloc_env.paper.claim import Claim, Verdict, claims_markdown, claims_table, tally, write_claims
 
 if TYPE_CHECKING:
     from relloc_env.paper.studies import Studies
 
-__all__ = ["Claim", "claims_table", "reproduce", "write_claims"]
+__all__ = ["Claim", "Verdict", "claims_markdown", "claims_table", "reproduce", "tally", "write_claims"]
 
 
 def reproduce(out: Path, report: Callable[[str], None] = lambda _: None, studies: Studies | None = None) -> list[Claim]:
-    """Run everything, write `claims.json` and the figures to `out`, and return the claims.
+    """Run everything, write `claims.json`, `claims.md` and the figures to `out`, and return the claims.
 
     Args:
         out: a folder, made where it is missing.
@@ -25,6 +25,7 @@ def reproduce(out: Path, report: Callable[[str], None] = lambda _: None, studies
     from relloc_env.paper.claims_depth_filter import depth_filter_claims
     from relloc_env.paper.claims_experiment import experiment_claims
     from relloc_env.paper.claims_pose_filter import pose_filter_claims
+    from relloc_env.paper.claims_relative_pose import relative_pose_claims
     from relloc_env.paper.claims_simulation import simulation_claims
     from relloc_env.paper.figures import draw_figures
     from relloc_env.paper.studies import run_studies
@@ -34,12 +35,13 @@ def reproduce(out: Path, report: Callable[[str], None] = lambda _: None, studies
     report("claims")
     claims = [
         *depth_filter_claims(studies),
+        *relative_pose_claims(studies),
         *pose_filter_claims(studies),
         *simulation_claims(studies),
         *experiment_claims(studies),
     ]
     out.mkdir(parents=True, exist_ok=True)
-    write_claims(claims, out / "claims.json")
+    write_claims(claims, out)
     report("figures")
     draw_figures(studies, out)
     return claims

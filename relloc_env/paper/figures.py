@@ -14,13 +14,12 @@ from matplotlib.patches import Wedge
 
 from relloc_env.config import load_config
 from relloc_env.files import whole
-from relloc_env.paper.claims_experiment import PAPER_TIMES, TIME_TOLERANCE
-from relloc_env.paper.runs import CONVERGED, Run
+from relloc_env.paper.geometries import PAPER_TIMES, TIME_TOLERANCE
+from relloc_env.paper.runs import CONVERGED, PAPER_GAINS, Run
 from relloc_env.paper.studies import (
     ALPHA_LAMBDA_STUDY,
     GAINS,
     H_STUDY,
-    PAPER_GAINS,
     Studies,
     gain_name,
     settle_times,

@@ -14,6 +14,10 @@ from relloc_env.simulation import Simulation
 
 DURATION = 40.0
 """[s] of every run: the paper's experiment lasts about as long."""
+EXPERIMENT = ((0.1, 0.02), (0.1, -0.03))
+"""[m/s, rad/s] inputs of robots A and B in the paper's experiment."""
+PAPER_GAINS = (2.5, 120.0)
+"""H [1/s] and αΛ [1/m²] of the paper's experiment."""
 CONVERGED = 0.1
 """[m] a depth has converged once its error stays below this."""
 

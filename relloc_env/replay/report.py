@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
+from relloc_env.numerals import number
 from relloc_env.replay.bound import BOUND
 
 
@@ -22,22 +23,22 @@ def table(data: Mapping[str, Any]) -> tuple[list[str], list[list[str]]]:
         row = [
             name,
             str(depth["tracks"]),
-            _text(depth.get("median_initial_error_m")),
-            _text(depth.get("median_final_error_m")),
-            f"{_text(depth.get('median_final_error_where_sure_m'), 3)} ({depth.get('sure_tracks', 0)})",
-            f"{_text(depth.get('median_time_to_10_percent_s'), 1)} ({depth.get('settled_tracks', 0)})",
+            number(depth.get("median_initial_error_m"), 2, error="m"),
+            number(depth.get("median_final_error_m"), 2, error="m"),
+            f"{number(depth.get('median_final_error_where_sure_m'), 3, error='m')} ({depth.get('sure_tracks', 0)})",
+            f"{number(depth.get('median_time_to_10_percent_s'), 1)} ({depth.get('settled_tracks', 0)})",
         ]
         if poses:
             row += [
                 f"{pose.get('seconds_with_estimate', 0)} of {pose.get('seconds_with_two_common_points', 0)}",
-                _text(pose.get("median_position_error_m")),
-                _text(pose.get("rmse_position_m")),
-                _text(pose.get("median_heading_error_deg"), 1),
-                _text(pose.get("rmse_heading_deg"), 1),
-                _text(pose.get("median_nees"), 1),
+                number(pose.get("median_position_error_m"), 2, error="m"),
+                number(pose.get("rmse_position_m"), 2, error="m"),
+                number(pose.get("median_heading_error_deg"), 1),
+                number(pose.get("rmse_heading_deg"), 1),
+                number(pose.get("median_nees"), 1),
             ]
         if bounded:
-            row.append(_text(pose.get("whitened_error") if poses else depth.get("whitened_final_error")))
+            row.append(number(pose.get("whitened_error") if poses else depth.get("whitened_final_error"), 2))
         rows.append(row)
     return heads, rows
 
@@ -58,7 +59,3 @@ def notes(data: Mapping[str, Any]) -> list[str]:
     if any(part["pose"] or part["depth"]["tracks"] for part in parts):
         words.append(f"Error / bound: {BOUND}." if data["bound"] == BOUND else f"No error / bound: {data['bound']}.")
     return words
-
-
-def _text(value: float | None, digits: int = 2) -> str:
-    return "–" if value is None else f"{value:,.{digits}f}"
