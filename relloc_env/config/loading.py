@@ -15,6 +15,10 @@ from relloc_env.estimators.registry import resolve
 M = TypeVar("M", bound=BaseModel)
 
 
+class UnknownKeywordError(ConfigError, TypeError):
+    """A keyword that is no option: to Python and to clients that try keywords out, a `TypeError` in its usual words."""
+
+
 def validate(model: type[M], data: Any) -> M:
     """Build a configuration, or raise `ConfigError` with one line for each thing that is wrong."""
     try:
@@ -200,9 +204,20 @@ def load_config(
         **options: put over it; a mapping changes only the entries it names.
 
     Raises:
-        ConfigError: an unknown option (with a suggestion), a value that cannot be, or robots that the id does not have.
+        UnknownKeywordError: a keyword that is no option, with a suggestion; it is a `ConfigError` and a `TypeError`.
+        ConfigError: another unknown option (with a suggestion), a value that cannot be, or robots that the id does not
+            have.
     """
     from relloc_env.scenarios import scenario  # scenarios are built of configurations
+
+    known = (*EnvConfig.model_fields, "scenario")
+    unknown = [name for name in options if name not in known]
+    if unknown:
+        raise UnknownKeywordError(
+            "\n".join(
+                f"Unknown option `{n}`{hint(n, known)} (got an unexpected keyword argument '{n}')" for n in unknown
+            )
+        )
 
     if isinstance(config, EnvConfig):
         data: dict[str, Any] = {k: v for k, v in config.model_dump().items() if k in config.model_fields_set}

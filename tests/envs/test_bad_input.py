@@ -166,7 +166,7 @@ def test_large_seeds_are_not_cut(parallel: Any) -> None:
     starts = []
     for seed in (3, 2**64 + 3, 2**65 + 3):
         _, infos = parallel.reset(seed=seed)
-        starts.append(infos["robot_a"]["truth"]["poses"].tobytes())
+        starts.append(infos["robot_a"]["truth/poses"].tobytes())
     assert len(set(starts)) == 3
 
 
@@ -204,7 +204,7 @@ def test_unknown_options_of_a_reset_are_named_in_a_warning(parallel: Any) -> Non
         parallel.reset(seed=1, options={"point": 1, "points": points})
     with pytest.warns(UserWarning, match="ignored: options"):
         _, infos = parallel.reset(options={"options": 1})
-    np.testing.assert_array_equal(infos["robot_a"]["truth"]["points"], points)
+    np.testing.assert_array_equal(infos["robot_a"]["truth/points"], points)
     parallel.reset(options={})
 
 
