@@ -140,7 +140,8 @@ class Member:
         Raises:
             ConfigError: what the environment has by its options.
         """
-        if name in EnvConfig.model_fields or name in ALIKE or name in vars(Member) or name in ("index", "_env"):
+        built = name in EnvConfig.model_fields or name in ("index", "max_episode_steps")
+        if built or name in ALIKE or name in vars(Member):
             raise ConfigError(f"Attribute `{name}` cannot be set: build another environment, with other options")
         super().__setattr__(name, value)
 

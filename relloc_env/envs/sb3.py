@@ -117,9 +117,17 @@ class RellocVecEnv(VecEnv):
         Raises:
             ResetNeeded: before the first `reset`.
         """
-        if not self._ready:
-            raise ResetNeeded("Call `reset` before `states`: no episode is running")
+        self._check_started("states")
         return np.repeat(self.core.states(), self.rows_each, axis=0)
+
+    def state_of(self, index: int) -> Float32:
+        """The state of environment `index`, as `states`."""
+        self._check_started("state")
+        return self.core.state(index)
+
+    def _check_started(self, call: str) -> None:
+        if not self._ready:
+            raise ResetNeeded(f"Call `reset` before `{call}`: no episode is running")
 
     def _grouped_options(self) -> Iterator[tuple[Rows, Mapping[str, Any] | None]]:
         """Environments with the same options, and these; None where nothing was set."""
@@ -137,12 +145,12 @@ class RellocVecEnv(VecEnv):
             ResetNeeded: before the first `reset`.
             ValueError: actions of another shape, or that are not finite.
         """
-        if not self._ready:
-            raise ResetNeeded("Call `reset` before `step`: no episode is running")
+        self._check_started("step")
         check_actions("actions", actions, self._actions.reshape(self.num_envs, -1))
 
     def step_wait(self) -> VecEnvStepReturn:
         """Hold the actions for `samples_per_action` samples; what is over starts anew."""
+        self._check_started("step")
         core = self.core
         core.observation = np.empty_like(core.observation)
         core.step(self._actions, core.everyone)
@@ -253,7 +261,7 @@ class Row:
 
     def state(self) -> Float32:
         """The truth and every observation of the environment as one vector, for centralised critics."""
-        return self._env.core.state(self.index)
+        return self._env.state_of(self.index)
 
     def get_state(self) -> dict[str, Any]:
         """Everything the environment remembers, to be put back with `set_state`."""
