@@ -69,35 +69,40 @@ class Information(Sharing):
         self._arrays = {name: array for name, array in found.items() if array is not None}
         # An index with an ellipsis gives an array of no dimension, where a plain one gives a number.
         self._terms = [(name, (i, ...)) for i, name in enumerate(_NAMES[: len(TERMS)]) if name in self._names]
+        self._empty: dict[str, Any] = dict.fromkeys([*(name for name, _ in self._terms), *self._arrays])
         self._lines: dict[int, tuple[list[NDArray[Any]], list[tuple[str, NDArray[Any]]]]] = {}
 
-    def _line(self, n: int) -> tuple[list[NDArray[Any]], list[tuple[str, NDArray[Any]]]]:
-        """What is live of environment n: the terms of each robot's reward, and all else by name."""
+    def _at(self, n: int) -> tuple[list[NDArray[Any]], dict[str, Any]]:
+        """Of environment n: the live terms of each robot's reward, and `info` with all but these."""
         if n not in self._lines:
             rest = [(name, array[n, ...]) for name, array in self._arrays.items()]
             self._lines[n] = list(self._core.score.terms[n]), rest
-        return self._lines[n]
+        terms, rest = self._lines[n]
+        info = self._empty.copy()  # much faster than a dictionary that grows
+        for name, line in rest:
+            info[name] = line.copy()
+        return terms, info
 
     def one(self, n: int) -> dict[str, Any]:
         """`info` of environment n, with the mean over the robots of the reward's terms."""
-        terms, rest = self._line(n)
+        terms, info = self._at(n)
         mean = terms[0].copy()
         for other in terms[1:]:
             mean += other
         mean /= self._robots
-        info = {name: mean[place] for name, place in self._terms}
-        for name, line in rest:
-            info[name] = line.copy()
+        for name, place in self._terms:
+            info[name] = mean[place]
         return info
 
     def each(self, n: int) -> list[dict[str, Any]]:
         """`info` of every robot of environment n: the terms of its own reward, and all else as one object for all."""
-        terms, rest = self._line(n)
-        common = {name: line.copy() for name, line in rest}
+        terms, common = self._at(n)
         infos = []
         for line in terms:
-            own = line.copy()
-            infos.append({name: own[place] for name, place in self._terms} | common)
+            own, info = line.copy(), common.copy()
+            for name, place in self._terms:
+                info[name] = own[place]
+            infos.append(info)
         return infos
 
     def batch(self, rows: Rows | None = None) -> dict[str, Any]:
