@@ -63,7 +63,7 @@ class Acting:
         count = n if self._layout.joint else n * robots
         rows = self._fit(observations).reshape(count, -1)
         starts = np.full(n, self._fresh)
-        if "time" in self._task.slices:
+        if "progress" in self._task.slices:
             starts |= self._task.time(observations) == 0.0
         self._fresh = False
         new = np.repeat(starts, count // n)

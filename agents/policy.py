@@ -18,7 +18,7 @@ SEEN, IMAGE_X, IMAGE_Y, SINE, COSINE, ELEVATION, INVERSE_RANGE, LOG_SD = range(P
 class Policy(Protocol):
     """A way to move N environments of one task.
 
-    It is built with a `Task`. An episode may start at any call: a row whose field `time` is 0 begins anew.
+    It is built with a `Task`. An episode may start at any call: a row whose field `progress` is 0 begins anew.
     """
 
     def reset(self, n: int, seed: int) -> None:
@@ -98,7 +98,7 @@ class Task:
 
     def time(self, observations: Float32) -> Float:
         """Time since the start of each environment's episode, [s] (N,)."""
-        share = self.field(observations, "time")[:, 0, 0]
+        share = self.field(observations, "progress")[:, 0, 0]
         return np.rint(share * self.config.max_cycles) * self.action_period
 
     def rows(self, observations: Any) -> Float32:

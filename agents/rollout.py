@@ -142,9 +142,9 @@ class _Record:
         task, robots = self._task, self._task.robots
         rows = task.rows(observations)
         truth = next(iter(infos.values()))
-        if "information" not in truth:
+        if "information/pose" not in truth:
             raise ValueError("Argument `env` must compute the information bound: make it with `bound=True`")
-        poses, self._points = truth["truth"]["poses"], truth["truth"]["points"]
+        poses, self._points = truth["truth/poses"], truth["truth/points"]
         points = task.field(rows, "points").reshape(robots, task.targets, POINT)
         known = np.hypot(points[..., SINE], points[..., COSINE]) > 0.5
         offset = self._points[None, :, :2] - poses[:, None, :2]
@@ -152,9 +152,9 @@ class _Record:
         depth = np.cos(heading) * offset[..., 0] + np.sin(heading) * offset[..., 1]
         with np.errstate(divide="ignore", invalid="ignore"):
             error = np.where(known, points[..., COSINE] / points[..., INVERSE_RANGE] - depth, np.nan)
-        joint, single = truth["information"]["pose"], truth["information"]["depth"][0]
+        joint, single = truth["information/pose"], truth["information/depth"][0]
         now = (
-            poses, error, truth["errors"]["pose"], truth["bound_sd"], joint if robots > 1 else single,
+            poses, error, truth["errors/pose"], truth["bound_sd"], joint if robots > 1 else single,
             points[..., 0] > 0.5, task.field(rows, "blocked")[0, :, 0],
         )  # fmt: skip
         for name, value in zip(self._names, now, strict=True):

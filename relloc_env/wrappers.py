@@ -10,6 +10,7 @@ import numpy as np
 from relloc_env.config import ConfigError, validate
 from relloc_env.envs.centralised import RellocEnv
 from relloc_env.envs.core import ROBOT_NAMES
+from relloc_env.envs.information import Information
 from relloc_env.envs.observation import observe, slices
 from relloc_env.envs.onboard import Onboard
 from relloc_env.envs.spaces import joint_slices, joint_space
@@ -48,6 +49,7 @@ class EstimateObservation(gym.Wrapper[Any, Any, Any, Any]):
             type(inner.config), {**inner.config.model_dump(exclude_unset=True), "estimator": chosen}
         )
         self._onboard = Onboard(self._config, 1, own)
+        self._told = Information(inner.core, ("prior",))  # also where `info` of the environment is without
         self._bare, self._full = slices(inner.config), slices(self._config)
         self._common = [name for name in self._full if name in self._bare and name != "message_points"]
         n, k, r, m = 1, self._config.samples_per_action, self._config.robots, self._config.targets
@@ -70,13 +72,15 @@ class EstimateObservation(gym.Wrapper[Any, Any, Any, Any]):
     def reset(
         self, *, seed: int | None = None, options: Mapping[str, Any] | None = None
     ) -> tuple[Float32, dict[str, Any]]:
-        """Start an episode, and the estimator from what the robots are told (`info["prior"]`)."""
+        """Start an episode, and the estimator from what the robots are told (`prior/...` of `info`)."""
         observation, info = self.env.reset(seed=seed, options=dict(options) if options is not None else None)
-        told = info["prior"]
+        told = self._told.one(0)
         self._read(observation)
         copy_sample(self._samples, -1, self._first, 0, _ROW)
         self._first.period[:] = 0.0
-        prior = Prior(told["depth"][None], told["pose"][None], told["depth_sd"], told["pose_sd"])
+        prior = Prior(
+            told["prior/depth"][None], told["prior/pose"][None], float(told["prior/depth_sd"]), told["prior/pose_sd"]
+        )
         self._onboard.reset(prior, self._first, _ROW)
         return self._show(observation, started=True), info
 

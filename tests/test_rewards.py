@@ -75,8 +75,8 @@ def errors(env: RellocParallelEnv, r: int, info: dict[str, Any]) -> tuple[float,
     """`depth_error` and `pose_error` of a robot, from what `info` says of it now."""
     world = env.core.simulation.world
     ranges = np.hypot(*(world.points[0, :, :2] - world.pose[0, r, :2]).T)
-    shares = np.minimum(np.abs(info["errors"]["range"][r]) / ranges, 1.0)
-    return float(shares.mean()), float(info["errors"]["pose"][r].sum()) if env.config.robots == 2 else 0.0
+    shares = np.minimum(np.abs(info["errors/range"][r]) / ranges, 1.0)
+    return float(shares.mean()), float(info["errors/pose"][r].sum()) if env.config.robots == 2 else 0.0
 
 
 @pytest.mark.parametrize("robots", [1, 2])
@@ -88,7 +88,7 @@ def test_every_term_and_their_sum(robots: int, network: dict[str, Any]) -> None:
     touched = held = 0.0
     for seed in range(4):
         _, infos = env.reset(seed=seed)
-        before = infos["robot_a"]["information"]
+        before = infos["robot_a"]
         last = {agent: np.zeros(2) for agent in env.agents}
         wrong = {agent: errors(env, r, infos[agent]) for r, agent in enumerate(env.agents)}
         for _ in range(40):
@@ -110,8 +110,8 @@ def test_every_term_and_their_sum(robots: int, network: dict[str, Any]) -> None:
                 action = np.clip(actions[agent].astype(np.float64), -1, 1)
                 expected = {
                     "excitation": excitations.min(),
-                    "information_depth": info["information"]["depth"][r] - before["depth"][r],
-                    "information_pose": info["information"]["pose"] - before["pose"],
+                    "information_depth": info["information/depth"][r] - before["information/depth"][r],
+                    "information_pose": info["information/pose"] - before["information/pose"],
                     "depth_error": depth_error,
                     "pose_error": pose_error,
                     "visibility": truth.visible[0, :, r].mean(),
@@ -130,7 +130,7 @@ def test_every_term_and_their_sum(robots: int, network: dict[str, Any]) -> None:
                 assert math.isclose(rewards[agent], total, rel_tol=1e-9, abs_tol=1e-12)
                 held += terms["blocked"]
                 touched += terms["collision"]
-            before = infos["robot_a"]["information"]
+            before = infos["robot_a"]
     assert held > 0.0
     assert touched == 0.0
 
@@ -161,13 +161,13 @@ def test_information_is_that_of_the_bound(robots: int) -> None:
         points = env.core.simulation.world.points[0]
         for action in (0, 1, 25, 50):
             at, found = 4 * action, shown[action]
-            pose = found["truth"]["poses"][0]
+            pose = found["truth/poses"][0]
             expected = depth_information(bound, at, pose, points)
-            assert math.isclose(found["information"]["depth"][0], expected, rel_tol=1e-9, abs_tol=1e-9)
+            assert math.isclose(found["information/depth"][0], expected, rel_tol=1e-9, abs_tol=1e-9)
             if robots == 2:
                 covariance = bound.pose[at, 0]
                 assert math.isclose(
-                    found["information"]["pose"], -np.linalg.slogdet(covariance)[1] / 6.0, rel_tol=1e-9, abs_tol=1e-9
+                    found["information/pose"], -np.linalg.slogdet(covariance)[1] / 6.0, rel_tol=1e-9, abs_tol=1e-9
                 )
                 sd = np.sqrt(np.diag(covariance))
                 np.testing.assert_allclose(found["bound_sd"], (sd[:2].max(), sd[2]), rtol=1e-9)
@@ -179,15 +179,15 @@ def test_information_terms_sum_to_what_was_gained(robots: int) -> None:
     env, rng = make(robots), np.random.default_rng(3)
     for seed in range(5):
         _, infos = env.reset(seed=seed)
-        start, depth, pose = infos["robot_a"]["information"], np.zeros(robots), np.zeros(robots)
+        start, depth, pose = infos["robot_a"], np.zeros(robots), np.zeros(robots)
         agents = list(env.agents)
         while env.agents:
             *_, infos = env.step(wandering(rng, agents))
             depth += [infos[agent]["reward/information_depth"] for agent in agents]
             pose += [infos[agent]["reward/information_pose"] for agent in agents]
-        end = infos["robot_a"]["information"]
-        np.testing.assert_allclose(depth, end["depth"] - start["depth"], atol=1e-10)
-        np.testing.assert_allclose(pose, end["pose"] - start["pose"], atol=1e-10)
+        end = infos["robot_a"]
+        np.testing.assert_allclose(depth, end["information/depth"] - start["information/depth"], atol=1e-10)
+        np.testing.assert_allclose(pose, end["information/pose"] - start["information/pose"], atol=1e-10)
         assert (depth > 0.5).all()
 
 
@@ -228,7 +228,7 @@ def test_information_counts_from_the_start_that_was_asked_for(start: float, firs
         found, expected = env.step(actions), plain.step(actions)
         for agent in env.agents:
             info, usual = found[-1][agent], expected[-1][agent]
-            assert info["information"]["pose"] == usual["information"]["pose"]
+            assert info["information/pose"] == usual["information/pose"]
             gained = {name: usual[f"reward/{name}"] for name in TERMS}
             if k < first:
                 gained |= {"information_depth": 0.0, "information_pose": 0.0}

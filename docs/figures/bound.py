@@ -45,17 +45,17 @@ def play(name: str) -> Course:
     kept = []
     while True:
         truth = infos["robot_a"]
-        poses, heading = truth["truth"]["poses"], truth["truth"]["poses"][0, 2]
+        poses, heading = truth["truth/poses"], truth["truth/poses"][0, 2]
         turn = np.array([[np.cos(heading), -np.sin(heading)], [np.sin(heading), np.cos(heading)]])
         covariance = turn @ env.core.score.pose_covariance[0, :2, :2] @ turn.T
-        kept.append((poses, covariance, truth["information"]["pose"]))
+        kept.append((poses, covariance, truth["information/pose"]))
         if not env.agents:
             break
         chosen = policy.act(task.rows(observations))[0].astype(np.float32)
         observations, _, _, _, infos = env.step(dict(zip(env.agents, chosen, strict=True)))
     places, covariances, information = (np.array(values) for values in zip(*kept, strict=True))
     time = task.action_period * np.arange(len(kept))
-    return Course(np.asarray(time, np.float64), places, covariances, information, truth["truth"]["points"])
+    return Course(np.asarray(time, np.float64), places, covariances, information, truth["truth/points"])
 
 
 def draw(path: Path) -> None:

@@ -20,6 +20,10 @@ LINES, LINE, WHOLE = 8, 800, 1800
 """Most lines of an error, and characters in each and in all of them."""
 
 
+class UnknownKeywordError(ConfigError, TypeError):
+    """A keyword that is no option: to Python and to clients that try keywords out, a `TypeError` in its usual words."""
+
+
 def validate(model: type[M], data: Any) -> M:
     """Build a configuration, or raise `ConfigError` with one line for each thing that is wrong."""
     try:
@@ -224,10 +228,21 @@ def load_config(
         **options: put over it; a mapping changes only the entries it names.
 
     Raises:
-        ConfigError: an unknown option (with a suggestion), a value that cannot be, or robots that the id does not have.
+        UnknownKeywordError: a keyword that is no option, with a suggestion; it is a `ConfigError` and a `TypeError`.
+        ConfigError: another unknown option (with a suggestion), a value that cannot be, or robots that the id does not
+            have.
         UntrustedError: a file that names code, without `trust`.
     """
     from relloc_env.scenarios import scenario  # scenarios are built of configurations
+
+    known = (*EnvConfig.model_fields, "scenario")
+    unknown = [name for name in options if name not in known]
+    if unknown:
+        raise UnknownKeywordError(
+            "\n".join(
+                f"Unknown option `{n}`{hint(n, known)} (got an unexpected keyword argument '{n}')" for n in unknown
+            )
+        )
 
     if isinstance(config, EnvConfig):
         data: dict[str, Any] = {k: v for k, v in config.model_dump().items() if k in config.model_fields_set}

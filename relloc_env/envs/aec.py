@@ -1,6 +1,6 @@
 """The PettingZoo door for clients that let agents act in turn."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +11,7 @@ from pettingzoo.utils.wrappers import BaseWrapper, OrderEnforcingWrapper
 
 from relloc_env.config import EnvConfig
 from relloc_env.envs.door import check_actions
+from relloc_env.envs.information import ENTRIES
 from relloc_env.envs.parallel import parallel_env
 
 
@@ -27,14 +28,24 @@ class CheckedActions(BaseWrapper[str, Any, Any]):
         super().step(action)
 
 
+class InOrder(OrderEnforcingWrapper[str, Any, Any]):
+    """PettingZoo's errors for calls before a `reset`; also where a `reset` was refused."""
+
+    def reset(self, seed: int | None = None, options: Mapping[str, Any] | None = None) -> None:
+        """Start an episode; arguments and errors as in `RellocEnv.reset`."""
+        self._has_reset = False
+        self.env.reset(seed=seed, options=None if options is None else dict(options))
+        self._has_reset = self._has_updated = True
+
+
 def env(
     config: EnvConfig | Mapping[str, Any] | str | Path | None = None,
     *,
     render_mode: str | None = None,
     estimator: Any = "default",
+    info: Sequence[str] = ENTRIES,
     **options: Any,
 ) -> AECEnv[str, Any, Any]:
     """Build the PettingZoo AEC environment; arguments as in `relloc_env.envs.centralised.RellocEnv`."""
-    return OrderEnforcingWrapper(
-        CheckedActions(parallel_to_aec(parallel_env(config, render_mode=render_mode, estimator=estimator, **options)))
-    )
+    parallel = parallel_env(config, render_mode=render_mode, estimator=estimator, info=info, **options)
+    return InOrder(CheckedActions(parallel_to_aec(parallel)))

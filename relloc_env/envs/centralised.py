@@ -1,7 +1,6 @@
 """The Gymnasium door: one agent that sees what all robots see and drives them all."""
 
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -21,8 +20,10 @@ from relloc_env.envs.door import (
     open_core,
     state_space,
 )
+from relloc_env.envs.information import ENTRIES, Information
 from relloc_env.envs.picture import Picture
 from relloc_env.envs.spaces import joint_action_space, joint_form, joint_slices, joint_space
+from relloc_env.envs.specification import specify
 from relloc_env.samples import Float32
 from relloc_env.simulation import check_seed
 
@@ -55,7 +56,8 @@ class RellocEnv(gym.Env[Any, Any]):
     Any option of `relloc_env.config.EnvConfig` as a keyword; `config` takes a mapping, a YAML or JSON file, or the name
     of a scenario; `estimator` a name, a configuration, None (bare), your own as a class, a function or its place
     (`relloc_env.estimators.OwnConfig`), or an object that follows `relloc_env.estimators.Estimator`; `render_mode` is
-    None, "rgb_array" or "human".
+    None, "rgb_array" or "human"; `info` names the entries of `info` that are wanted
+    (`relloc_env.envs.information.ENTRIES`), all by default.
 
     Raises:
         ConfigError: an unknown option, or a value that cannot be.
@@ -69,6 +71,7 @@ class RellocEnv(gym.Env[Any, Any]):
         *,
         render_mode: str | None = None,
         estimator: Any = "default",
+        info: Sequence[str] = ENTRIES,
         **options: Any,
     ) -> None:
         self.core = open_core(config, 1, estimator, options)
@@ -79,19 +82,18 @@ class RellocEnv(gym.Env[Any, Any]):
         self.action_space = joint_action_space(self.core.config)
         self._form = joint_form(self.core.config)
         self._action = np.zeros((self.core.config.robots, self.core.config.action_size))
-        self._running = False
+        self._running = self._started = False
+        self._information = Information(self.core, info)
         self._spec: EnvSpec | None = None
 
     @property
     def spec(self) -> EnvSpec | None:
-        """How Gymnasium made this; its horizon is the configuration's, so that wrappers know it."""
+        """How Gymnasium made this; its `max_episode_steps` is the configuration's, so that wrappers know it."""
         return self._spec
 
     @spec.setter
     def spec(self, value: EnvSpec | None) -> None:
-        if value is not None and value.max_episode_steps is None:
-            value = replace(value, max_episode_steps=self.config.max_cycles)
-        self._spec = value
+        self._spec = specify(value, self.config)
 
     @property
     def config(self) -> EnvConfig:
@@ -109,7 +111,13 @@ class RellocEnv(gym.Env[Any, Any]):
         return state_space(self.core)
 
     def state(self) -> Float32:
-        """The truth and every observation as one vector, for centralised critics."""
+        """The truth and every observation as one vector, for centralised critics.
+
+        Raises:
+            ResetNeeded: before the first `reset`.
+        """
+        if not self._started:
+            raise ResetNeeded("Call `reset` before `state`: there is no episode yet")
         return self.core.state(0)
 
     def reset(self, *, seed: int | None = None, options: Mapping[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
@@ -124,11 +132,11 @@ class RellocEnv(gym.Env[Any, Any]):
             ConfigError: options that cannot be.
         """
         super().reset(seed=None if seed is None else check_seed(seed))
-        self._running = False
+        self._running = self._started = False
         self.core.reset(_ROW, None if seed is None else [check_seed(seed)], check_options(options))
-        self._running = True
+        self._running = self._started = True
         self._picture.follow(new=True)
-        return self._form(self.core.observation[0].copy()), self.core.information.one(0, new=True)
+        return self._form(self.core.observation[0].copy()), self._information.one(0)
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Hold an action [-] (R A,) for `samples_per_action` samples.
@@ -146,11 +154,11 @@ class RellocEnv(gym.Env[Any, Any]):
         self._running = not (terminated or truncated)
         self._picture.follow()
         observation = self._form(core.observation[0].copy())
-        return observation, core.joint_reward.item(0), terminated, truncated, core.information.one(0)
+        return observation, core.joint_reward.item(0), terminated, truncated, self._information.one(0)
 
     def get_state(self) -> dict[str, Any]:
         """Everything the environment remembers, to be put back with `set_state`."""
-        return {"core": self.core.get_state(_ROW), "running": self._running}
+        return {"core": self.core.get_state(_ROW), "running": self._running, "started": self._started}
 
     def set_state(self, state: Mapping[str, Any]) -> None:
         """Go on from a state of an environment of the same configuration, bit for bit.
@@ -158,9 +166,9 @@ class RellocEnv(gym.Env[Any, Any]):
         Raises:
             ValueError: what no environment of this configuration gave.
         """
-        check_state("state", state, {"core": self.core.get_state(_ROW[:0]), "running": None}, 1)
+        check_state("state", state, {"core": self.core.get_state(_ROW[:0]), "running": None, "started": None}, 1)
         self.core.set_state(state["core"], _ROW)
-        self._running = state["running"]
+        self._running, self._started = state["running"], state["started"]
         self._picture.follow(new=True)
 
     def render(self) -> Any:

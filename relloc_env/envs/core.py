@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from relloc_env.bound import carry_bound, pack_known, start_bound
 from relloc_env.config import ConfigError, EnvConfig
 from relloc_env.ends import pack_ends
-from relloc_env.envs.information import Information
 from relloc_env.envs.observation import Field, bounds, fields, observe, slices
 from relloc_env.envs.onboard import Onboard
 from relloc_env.envs.precompile import compile_kernels
@@ -44,7 +43,6 @@ class Core(Sharing):
         terminated: (N,) whether the last action ended the episode, by what the configuration says.
         truncated: (N,) whether the episode is at its horizon.
         score: what the truth says: errors, bound, terms of the reward.
-        information: what `info` holds.
         elapsed: (N,) actions since the start.
         everyone: (N,) the indices of all environments.
         threads: on which a large batch runs; what comes out does not depend on it.
@@ -82,7 +80,6 @@ class Core(Sharing):
         self._motion: Float | None = np.zeros((n, r, 2)) if config.gain_names else None
         self._width = width_of(n)
         self._share()
-        self.information = Information(self)
         compile_kernels(self)
 
     @property

@@ -12,6 +12,7 @@ from gymnasium import spaces
 
 from relloc_env.config import ConfigError, EnvConfig, load_config
 from relloc_env.envs.core import STATE_BOUND, Core
+from relloc_env.envs.specification import take_horizon
 from relloc_env.estimators.config import OwnConfig
 from relloc_env.estimators.own import is_estimator
 from relloc_env.estimators.protocol import Estimator
@@ -29,6 +30,7 @@ def open_core(
     """Build the core of a door; `estimator` "default" leaves the choice to the configuration."""
     if isinstance(num_envs, bool) or not isinstance(num_envs, numbers.Integral) or num_envs < 1:
         raise ConfigError(f"Argument `num_envs` must be a positive integer, but is {num_envs!r}")
+    options = take_horizon(options)
     if isinstance(estimator, str) and estimator == "default":
         return _core(load_config(config, **options), num_envs, threads)
     if not is_estimator(estimator):

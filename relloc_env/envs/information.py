@@ -1,6 +1,10 @@
-"""What `info` holds: the terms of the reward and the truth, of one environment or of a whole batch."""
+"""What `info` holds: the terms of the reward and the truth, of one environment or of a whole batch.
 
-from collections.abc import Callable, Mapping, Sequence
+Names are flat (`truth/poses`), the same ones after a reset and after a step, and every value is a numpy array: what
+collectors of other libraries stack. A number is an array of no dimension.
+"""
+
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -8,16 +12,34 @@ from numpy.typing import NDArray
 
 from relloc_env.config import ConfigError, hint
 from relloc_env.ends import mean_terms
-from relloc_env.kernels.world import World
-from relloc_env.rewards import TERMS, Score
+from relloc_env.rewards import TERMS
 from relloc_env.samples import Bool, Rows, Sharing
 
 if TYPE_CHECKING:
     from relloc_env.envs.core import Core
 
-ENTRIES = ("reward", "truth", "errors", "information", "bound_sd", "prior")
-"""What an `info` may hold; `reward` stands for all of `reward/<name>`, `prior` comes with a reset alone."""
-_TERMS = tuple(f"reward/{name}" for name in TERMS)
+Source = Callable[["Core"], NDArray[Any] | None]
+"""The live array (N, ...) of an entry, or None where the configuration has no such thing."""
+
+SOURCES: dict[str, Source] = {
+    "truth/poses": lambda core: core.simulation.world.pose,
+    "truth/points": lambda core: core.simulation.world.points,
+    "errors/range": lambda core: None if core.bare else core.score.depth_error,
+    "errors/pose": lambda core: None if core.bare else core.score.pose_error,
+    "information/depth": lambda core: core.score.depth_information if core.config.tracks_bound else None,
+    "information/pose": lambda core: core.score.pose_information if core.config.tracks_bound else None,
+    "bound_sd": lambda core: core.score.worst_sd if core.config.tracks_bound else None,
+    "prior/depth": lambda core: core.simulation.prior.depth,
+    "prior/pose": lambda core: core.simulation.prior.pose,
+    "prior/depth_sd": lambda core: np.broadcast_to(np.float64(core.simulation.prior.depth_sd), core.num_envs),
+    "prior/pose_sd": lambda core: np.broadcast_to(core.simulation.prior.pose_sd, (core.num_envs, 3)),
+}
+"""Every entry but the rewards', and where it is read. An entry is added here alone."""
+
+ENTRIES = ("reward", *dict.fromkeys(name.partition("/")[0] for name in SOURCES))
+"""What `info=` may ask for: each stands for all entries whose names begin so; whole names are taken as well."""
+
+_NAMES = (*(f"reward/{name}" for name in TERMS), *SOURCES)
 
 Take = Callable[[NDArray[Any]], Any]
 """Copies of a live array, N first, what is wanted."""
@@ -28,125 +50,90 @@ class Information(Sharing):
 
     Args:
         core: whose environments are told about.
-        entries: which of `ENTRIES` are wanted.
+        entries: which entries are wanted, of `ENTRIES` or by their whole names.
+
+    Raises:
+        ConfigError: what is no entry.
     """
 
     def __init__(self, core: "Core", entries: Sequence[str] = ENTRIES) -> None:
-        n = core.num_envs
-        self._world, self._score, self._prior = core.simulation.world, core.score, core.simulation.prior
-        self._prior_sd = (
-            np.broadcast_to(np.float64(self._prior.depth_sd), n),
-            np.broadcast_to(self._prior.pose_sd, (n, 3)),
-        )
-        self._num_envs, self._robots = n, core.config.robots
-        wanted = {name: name in entries for name in ENTRIES}
-        self._with_reward, self._with_truth, self._with_prior = wanted["reward"], wanted["truth"], wanted["prior"]
-        self._with_errors = wanted["errors"] and not core.bare
-        bound = core.config.tracks_bound
-        self._with_information, self._with_bound = wanted["information"] and bound, wanted["bound_sd"] and bound
-
+        self.entries = check_entries(entries)
+        self._core, self._robots = core, core.config.robots
+        self._names = [name for name in _NAMES if name in self.entries or name.partition("/")[0] in self.entries]
         self._share()
 
     def _share(self) -> None:
-        """What each environment has of the arrays, as it is asked for."""
-        self._lines: dict[int, tuple[Any, Any]] = {}
+        """The arrays that are read, and those of each environment as it is asked for."""
+        core = self._core
+        found = {name: SOURCES[name](core) for name in self._names if name in SOURCES}
+        self._arrays = {name: array for name, array in found.items() if array is not None}
+        # An index with an ellipsis gives an array of no dimension, where a plain one gives a number.
+        self._terms = [(name, (i, ...)) for i, name in enumerate(_NAMES[: len(TERMS)]) if name in self._names]
+        self._empty: dict[str, Any] = dict.fromkeys([*(name for name, _ in self._terms), *self._arrays])
+        self._lines: dict[int, tuple[list[NDArray[Any]], list[tuple[str, NDArray[Any]]]]] = {}
 
-    def _common(self, world: Any, score: Any, take: Take, number: Take) -> dict[str, Any]:
-        """All but rewards and priors. `take` copies from fields (N, ...) of `World` and `Score`, `number` from (N,)."""
-        info: dict[str, Any] = {}
-        if self._with_truth:
-            info["truth"] = {"poses": take(world.pose), "points": take(world.points)}
-        if self._with_errors:
-            info["errors"] = {"range": take(score.depth_error), "pose": take(score.pose_error)}
-        if self._with_information:
-            info["information"] = {"depth": take(score.depth_information), "pose": number(score.pose_information)}
-        if self._with_bound:
-            info["bound_sd"] = take(score.worst_sd)
-        return info
-
-    def _told(self, take: Take, number: Take) -> dict[str, Any]:
-        """What the robots were told at the start, with its standard deviations."""
-        prior, (depth_sd, pose_sd) = self._prior, self._prior_sd
-        return {
-            "depth": take(prior.depth),
-            "pose": take(prior.pose),
-            "depth_sd": number(depth_sd),
-            "pose_sd": take(pose_sd),
-        }
-
-    def _at(self, n: int, new: bool) -> dict[str, Any]:
-        """All but rewards, of environment n."""
+    def _at(self, n: int) -> tuple[list[NDArray[Any]], dict[str, Any]]:
+        """Of environment n: the live terms of each robot's reward, and `info` with all but these."""
         if n not in self._lines:
-            world, score = self._world, self._score
-            self._lines[n] = (
-                World(*(_line(array, n) for array in world)),
-                Score(*(_line(array, n) for array in score)),
-            )
-        info = self._common(*self._lines[n], np.ndarray.copy, np.ndarray.item)
-        if new and self._with_prior:
-            info["prior"] = self._told(lambda array: array[n].copy(), lambda array: array.item(n))
+            rest = [(name, array[n, ...]) for name, array in self._arrays.items()]
+            self._lines[n] = list(self._core.score.terms[n]), rest
+        terms, rest = self._lines[n]
+        info = self._empty.copy()  # much faster than a dictionary that grows
+        for name, line in rest:
+            info[name] = line.copy()
+        return terms, info
+
+    def one(self, n: int) -> dict[str, Any]:
+        """`info` of environment n, with the mean over the robots of the reward's terms."""
+        terms, info = self._at(n)
+        mean = terms[0].copy()
+        for other in terms[1:]:
+            mean += other
+        mean /= self._robots
+        for name, place in self._terms:
+            info[name] = mean[place]
         return info
 
-    def one(self, n: int, *, new: bool = False) -> dict[str, Any]:
-        """`info` of environment n, with the mean over the robots of the reward's terms.
-
-        Args:
-            n: index of the environment.
-            new: whether an episode starts; then with what the robots were told (`prior`).
-        """
-        if not self._with_reward:
-            return self._at(n, new)
-        lines = self._score.terms[n].tolist()
-        mean = [total / len(lines) for total in map(sum, zip(*lines, strict=True))]
-        return dict(zip(_TERMS, mean, strict=True)) | self._at(n, new)
-
-    def each(self, n: int, *, new: bool = False) -> list[dict[str, Any]]:
+    def each(self, n: int) -> list[dict[str, Any]]:
         """`info` of every robot of environment n: the terms of its own reward, and all else as one object for all."""
-        common = self._at(n, new)
-        if not self._with_reward:
-            return [common.copy() for _ in range(self._robots)]
+        terms, common = self._at(n)
         infos = []
-        for line in self._score.terms[n].tolist():
-            info = dict(zip(_TERMS, line, strict=True))
-            info.update(common)
+        for line in terms:
+            own, info = line.copy(), common.copy()
+            for name, place in self._terms:
+                info[name] = own[place]
             infos.append(info)
         return infos
 
-    def batch(self, rows: Rows | None = None, new: Rows | None = None) -> dict[str, Any]:
+    def batch(self, rows: Rows | None = None) -> dict[str, Any]:
         """`info` of many environments, as Gymnasium's vector environments give it: arrays, N first, and masks.
 
         Args:
             rows: environments that are told about, None for all; the others' entries are zeros, and False in the mask.
-            new: environments in which an episode starts, with `prior`.
         """
-        info: dict[str, Any] = {}
+        core = self._core
         take = _taker(rows)
-        if self._with_reward:
-            mean = np.empty((self._num_envs, len(_TERMS)))
-            mean_terms(self._score.terms, mean)
+        info: dict[str, Any] = {}
+        if self._terms:
+            mean = np.empty((core.num_envs, len(TERMS)))
+            mean_terms(core.score.terms, mean)
             mean = mean if rows is None else take(mean)
-            info = {name: mean[:, i] for i, name in enumerate(_TERMS)}
-        info = _masked(info | self._common(self._world, self._score, take, take), _mask(self._num_envs, rows))
-        if new is not None and self._with_prior:
-            take = _taker(new)
-            info |= _masked({"prior": self._told(take, take)}, _mask(self._num_envs, new))
-        return info
+            info = {name: mean[:, i] for name, (i, _) in self._terms}
+        info.update((name, take(array)) for name, array in self._arrays.items())
+        mask = _mask(core.num_envs, rows)
+        return {key: value for name, array in info.items() for key, value in ((name, array), (f"_{name}", mask))}
 
 
 def check_entries(entries: object) -> tuple[str, ...]:
     """Return which entries of `info` are wanted, or raise where there is none of such a name."""
     if isinstance(entries, str) or not isinstance(entries, Sequence):
         raise ConfigError(f"Argument `info` must be a sequence of names among {', '.join(ENTRIES)}, but is {entries!r}")
+    known = ENTRIES + _NAMES
     for name in entries:
-        if name not in ENTRIES:
-            close = hint(name, ENTRIES) if isinstance(name, str) else ""
+        if name not in known:
+            close = hint(name, known) if isinstance(name, str) else ""
             raise ConfigError(f"Argument `info` must have names among {', '.join(ENTRIES)}, but has {name!r}{close}")
     return tuple(entries)
-
-
-def _line(array: NDArray[Any], n: int) -> NDArray[Any]:
-    """What an array (N, ...) has of environment n, live."""
-    return array[n] if array.ndim > 1 else array[n : n + 1]
 
 
 def _taker(rows: Rows | None) -> Take:
@@ -169,12 +156,3 @@ def _mask(count: int, rows: Rows | None) -> Bool:
     mask = np.zeros(count, np.bool_)
     mask[rows] = True
     return mask
-
-
-def _masked(info: Mapping[str, Any], mask: Bool) -> dict[str, Any]:
-    """The same entries, all the way down, each with the mask beside it."""
-    result: dict[str, Any] = {}
-    for name, part in info.items():
-        result[name] = _masked(part, mask) if isinstance(part, dict) else part
-        result[f"_{name}"] = mask
-    return result

@@ -44,7 +44,7 @@ def fields(config: EnvConfig) -> list[Field]:
     bare = config.estimator is None
     own = [
         Field("last_action", (2,), -1.0, 1.0, "the action before, speed and yaw rate"),
-        Field("time", (1,), 0.0, 1.0, "share of the episode that is over"),
+        Field("progress", (1,), 0.0, 1.0, "share of the episode that is over"),
         Field("dead_reckoning", (MOTION,), -FAR, FAR, "x, y [m], sin and cos of the heading since the start"),
         Field("bumper", (1,), 0.0, 1.0, "1 where something was touched during the action"),
         Field("blocked", (1,), 0.0, 1.0, "share of the action during which the shield held the robot"),

@@ -1,12 +1,13 @@
 """The PettingZoo door: each robot is an agent."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from gymnasium import spaces
 from gymnasium.error import ResetNeeded
+from gymnasium.utils import seeding
 from pettingzoo import ParallelEnv
 
 from relloc_env.config import EnvConfig
@@ -20,6 +21,7 @@ from relloc_env.envs.door import (
     state_space,
     take_action,
 )
+from relloc_env.envs.information import ENTRIES, Information
 from relloc_env.envs.picture import Picture
 from relloc_env.envs.spaces import robot_action_space, robot_form, robot_space
 from relloc_env.samples import Float32
@@ -49,6 +51,7 @@ class RellocParallelEnv(ParallelEnv[str, Any, Any]):
         *,
         render_mode: str | None = None,
         estimator: Any = "default",
+        info: Sequence[str] = ENTRIES,
         **options: Any,
     ) -> None:
         self.core = open_core(config, 1, estimator, options)
@@ -57,10 +60,13 @@ class RellocParallelEnv(ParallelEnv[str, Any, Any]):
         self.metadata = {**self.metadata, "render_fps": frames_per_second(self.core)}
         self.possible_agents = list(ROBOT_NAMES[: self.core.config.robots])
         self.agents: list[str] = []
+        self._started = False
+        self._np_random: np.random.Generator | None = None
         space = robot_space(self.core.config)
         self.observation_spaces = dict.fromkeys(self.possible_agents, space)
         self.action_spaces = {agent: robot_action_space(self.core.config) for agent in self.possible_agents}
         self.state_space = state_space(self.core)
+        self._information = Information(self.core, info)
         self._form = robot_form(self.core.config)
         self._names = set(self.possible_agents)
         self._actions = np.zeros((1, self.core.config.robots, self.core.config.action_size))
@@ -84,23 +90,40 @@ class RellocParallelEnv(ParallelEnv[str, Any, Any]):
         return self.action_spaces[agent]
 
     def state(self) -> Float32:
-        """The truth and every observation as one vector, for centralised critics."""
+        """The truth and every observation as one vector, for centralised critics.
+
+        Raises:
+            ResetNeeded: before the first `reset`.
+        """
+        if not self._started:
+            raise ResetNeeded("Call `reset` before `state`: there is no episode yet")
         return self.core.state(0)
+
+    @property
+    def np_random(self) -> np.random.Generator:
+        """For wrappers to draw from, seeded by `reset`; the environment itself draws from streams of its own."""
+        if self._np_random is None:
+            self._np_random, _ = seeding.np_random()
+        return self._np_random
 
     def reset(
         self, seed: int | None = None, options: Mapping[str, Any] | None = None
     ) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
         """Start an episode; arguments and errors as in `RellocEnv.reset`."""
-        self.agents = []
+        self.agents, self._started = [], False
         self.core.reset(_ROW, None if seed is None else [check_seed(seed)], check_options(options))
-        self.agents = self.possible_agents[:]
+        self.agents, self._started = self.possible_agents[:], True
+        if seed is not None:
+            self._np_random, _ = seeding.np_random(check_seed(seed))
         self._picture.follow(new=True)
-        return self._observations(), self._infos(new=True)
+        return self._observations(), self._infos()
 
     def step(
         self, actions: Mapping[str, Any]
     ) -> tuple[dict[str, Any], dict[str, float], dict[str, bool], dict[str, bool], dict[str, dict[str, Any]]]:
         """Hold one action [-] (A,) of each robot for `samples_per_action` samples.
+
+        After the end of an episode no robot is left to act: then {} is taken, and five empty dictionaries returned.
 
         Raises:
             ResetNeeded: before the first `reset`, or after the end of an episode.
@@ -108,9 +131,12 @@ class RellocParallelEnv(ParallelEnv[str, Any, Any]):
         """
         agents, core = self.agents, self.core
         if not agents:
+            if self._started and isinstance(actions, Mapping) and not actions:
+                return {}, {}, {}, {}, {}
             raise ResetNeeded("Call `reset` before `step`: no episode is running")
-        if not isinstance(actions, Mapping) or actions.keys() != self._names:
-            given = sorted(map(str, actions)) if isinstance(actions, Mapping) else type(actions).__name__
+        mapping = type(actions) is dict or isinstance(actions, Mapping)  # the former is what it nearly always is
+        if not mapping or actions.keys() != self._names:
+            given = sorted(map(str, actions)) if mapping else type(actions).__name__
             raise ValueError(f"Argument `actions` must have one action for each of {agents}, but has {given}")
         for agent, line in zip(agents, self._actions[0], strict=True):
             take_action(actions[agent], line, agent)
@@ -132,18 +158,18 @@ class RellocParallelEnv(ParallelEnv[str, Any, Any]):
         form = self._form
         return {agent: form(line) for agent, line in zip(self.agents, self.core.observation[0].copy(), strict=True)}
 
-    def _infos(self, *, new: bool = False) -> dict[str, dict[str, Any]]:
-        return dict(zip(self.agents, self.core.information.each(0, new=new), strict=True))
+    def _infos(self) -> dict[str, dict[str, Any]]:
+        return dict(zip(self.agents, self._information.each(0), strict=True))
 
     def get_state(self) -> dict[str, Any]:
         """Everything the environment remembers, to be put back with `set_state`."""
-        return {"core": self.core.get_state(_ROW), "agents": self.agents[:]}
+        return {"core": self.core.get_state(_ROW), "agents": self.agents[:], "started": self._started}
 
     def set_state(self, state: Mapping[str, Any]) -> None:
         """Go on from a state, bit for bit; as `RellocEnv.set_state`."""
-        check_state("state", state, {"core": self.core.get_state(_ROW[:0]), "agents": None}, 1)
+        check_state("state", state, {"core": self.core.get_state(_ROW[:0]), "agents": None, "started": None}, 1)
         self.core.set_state(state["core"], _ROW)
-        self.agents = list(state["agents"])
+        self.agents, self._started = list(state["agents"]), state["started"]
         self._picture.follow(new=True)
 
     def render(self) -> Any:
@@ -160,7 +186,8 @@ def parallel_env(
     *,
     render_mode: str | None = None,
     estimator: Any = "default",
+    info: Sequence[str] = ENTRIES,
     **options: Any,
 ) -> RellocParallelEnv:
     """Build the PettingZoo Parallel environment; arguments as in `relloc_env.envs.centralised.RellocEnv`."""
-    return RellocParallelEnv(config, render_mode=render_mode, estimator=estimator, **options)
+    return RellocParallelEnv(config, render_mode=render_mode, estimator=estimator, info=info, **options)

@@ -13,7 +13,7 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvS
 from relloc_env.config import EnvConfig
 from relloc_env.envs.core import ROBOT_NAMES
 from relloc_env.envs.door import check_actions, check_options, check_render_mode, check_seeds, check_state, open_core
-from relloc_env.envs.information import Information, check_entries
+from relloc_env.envs.information import Information
 from relloc_env.envs.picture import Picture
 from relloc_env.envs.spaces import (
     joint_action_space,
@@ -65,8 +65,7 @@ class RellocVecEnv(VecEnv):
         self.rows_each = robots if decentralised else 1
         self._mode = check_render_mode(render_mode, ("rgb_array",))
         self._form = robot_form(self.config) if decentralised else joint_form(self.config)
-        self._entries = check_entries(info)
-        self._information = Information(self.core, self._entries)
+        self._information = Information(self.core, info)
         self._actions = np.zeros((num_envs, robots, self.config.action_size))
         self._rows: dict[int, Row] = {}
         self._ready = False
@@ -107,14 +106,28 @@ class RellocVecEnv(VecEnv):
         self._reset_seeds()
         self._reset_options()
         self._ready = True
-        self.reset_infos = self._infos(range(core.num_envs), new=True)
+        self.reset_infos = self._infos(range(core.num_envs))
         for picture in self._pictures:
             picture.follow(new=True)
         return self._show(core.observation)
 
     def states(self) -> Float32:
-        """The truth and every observation of each row's environment, one vector (rows, S) each, for central critics."""
+        """The truth and every observation of each row's environment, one vector (rows, S) each, for central critics.
+
+        Raises:
+            ResetNeeded: before the first `reset`.
+        """
+        self._check_started("states")
         return np.repeat(self.core.states(), self.rows_each, axis=0)
+
+    def state_of(self, index: int) -> Float32:
+        """The state of environment `index`, as `states`."""
+        self._check_started("state")
+        return self.core.state(index)
+
+    def _check_started(self, call: str) -> None:
+        if not self._ready:
+            raise ResetNeeded(f"Call `reset` before `{call}`: no episode is running")
 
     def _grouped_options(self) -> Iterator[tuple[Rows, Mapping[str, Any] | None]]:
         """Environments with the same options, and these; None where nothing was set."""
@@ -132,19 +145,19 @@ class RellocVecEnv(VecEnv):
             ResetNeeded: before the first `reset`.
             ValueError: actions of another shape, or that are not finite.
         """
-        if not self._ready:
-            raise ResetNeeded("Call `reset` before `step`: no episode is running")
+        self._check_started("step")
         check_actions("actions", actions, self._actions.reshape(self.num_envs, -1))
 
     def step_wait(self) -> VecEnvStepReturn:
         """Hold the actions for `samples_per_action` samples; what is over starts anew."""
+        self._check_started("step")
         core = self.core
         core.observation = np.empty_like(core.observation)
         core.step(self._actions, core.everyone)
         reward = core.reward.reshape(-1) if self.decentralised else core.joint_reward
         rewards = reward.astype(np.float32)
         over = core.terminated | core.truncated
-        infos = self._infos(range(core.num_envs)) if self._entries else [{} for _ in range(self.num_envs)]
+        infos = self._infos(range(core.num_envs))
         new = np.flatnonzero(over)
         if new.size:
             self._end(new, infos)
@@ -165,8 +178,8 @@ class RellocVecEnv(VecEnv):
         self._ready = False
         core.reset(new)
         self._ready = True
-        if self._entries:
-            fresh = self._infos(new.tolist(), new=True)
+        if self._information.entries:
+            fresh = self._infos(new.tolist())
             for i, n in enumerate(new.tolist()):
                 self.reset_infos[n * each : (n + 1) * each] = fresh[i * each : (i + 1) * each]
 
@@ -177,13 +190,13 @@ class RellocVecEnv(VecEnv):
     def _show(self, block: Float32) -> Any:
         return self._form(self._lines(block))
 
-    def _infos(self, environments: Sequence[int], *, new: bool = False) -> list[dict[str, Any]]:
+    def _infos(self, environments: Sequence[int]) -> list[dict[str, Any]]:
         """The rows' infos of some environments, with what was asked for."""
-        if not self._entries:
+        if not self._information.entries:
             return [{} for _ in range(len(environments) * self.rows_each)]
         if self.decentralised:
-            return [info for n in environments for info in self._information.each(n, new=new)]
-        return [self._information.one(n, new=new) for n in environments]
+            return [info for n in environments for info in self._information.each(n)]
+        return [self._information.one(n) for n in environments]
 
     def row(self, index: int) -> "Row":
         """One row as an object: what `get_attr`, `set_attr` and `env_method` work on."""
@@ -248,7 +261,7 @@ class Row:
 
     def state(self) -> Float32:
         """The truth and every observation of the environment as one vector, for centralised critics."""
-        return self._env.core.state(self.index)
+        return self._env.state_of(self.index)
 
     def get_state(self) -> dict[str, Any]:
         """Everything the environment remembers, to be put back with `set_state`."""

@@ -15,6 +15,7 @@ from relloc_env.envs.door import check_actions
 from relloc_env.envs.observation import places, slices
 from relloc_env.envs.sb3 import RellocVecEnv, Row
 from relloc_env.envs.spaces import joint_action_space, joint_slices, joint_space, robot_action_space, robot_space
+from relloc_env.envs.specification import take_horizon
 from relloc_env.envs.variation import Stage, Variation
 from relloc_env.samples import Float32
 
@@ -62,7 +63,7 @@ class VariedVecEnv(VecEnv):
     ) -> None:
         if not 1 <= groups <= num_envs:
             raise ConfigError(f"Argument `groups` must be from 1 to `num_envs` ({num_envs}), but is {groups!r}")
-        self.variation = Variation(load_config(config, **options), stages)
+        self.variation = Variation(load_config(config, **take_horizon(options)), stages)
         layout = self.config
         if layout.observation != "flat":
             raise ConfigError(f'Argument `observation` must be "flat" here, but is {layout.observation!r}')

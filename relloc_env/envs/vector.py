@@ -6,8 +6,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from gymnasium.envs.registration import EnvSpec
 from gymnasium.error import ResetNeeded
-from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
 from relloc_env.config import ConfigError, EnvConfig
@@ -21,9 +22,11 @@ from relloc_env.envs.door import (
     fresh_seeds,
     open_core,
 )
-from relloc_env.envs.information import ENTRIES, Information, check_entries
+from relloc_env.envs.information import ENTRIES, Information
+from relloc_env.envs.member import Batch
 from relloc_env.envs.picture import Picture
 from relloc_env.envs.spaces import joint_action_space, joint_form, joint_slices, joint_space, many
+from relloc_env.envs.specification import specify
 from relloc_env.samples import Bool, Estimate, Float32, Rows
 
 if TYPE_CHECKING:
@@ -34,7 +37,7 @@ Which = NDArray[np.bool_] | NDArray[np.int64] | Sequence[int] | int | None
 """Environments of a batch: a mask (N,), indices (which may repeat), one index, or None for all."""
 
 
-class RellocVectorEnv(VectorEnv[Any, Any, Any]):
+class RellocVectorEnv(Batch):
     """N environments that step together; each is what `RellocEnv` with its seed is, to the last bit.
 
     Observations, actions, rewards, ends and `info` are those of `RellocEnv`, with a leading axis of N, in the form
@@ -72,6 +75,8 @@ class RellocVectorEnv(VectorEnv[Any, Any, Any]):
         threads: int | None = None,
         **options: Any,
     ) -> None:
+        super().__init__()
+        self._spec: EnvSpec | None = None
         self.core = open_core(config, num_envs, estimator, options, threads)
         self.num_envs, self._threads = num_envs, threads
         self.autoreset_mode = _check_mode(autoreset_mode)
@@ -84,8 +89,7 @@ class RellocVectorEnv(VectorEnv[Any, Any, Any]):
         self.observation_space = many(self.single_observation_space, num_envs)
         self.action_space = many(self.single_action_space, num_envs)
         self._form = joint_form(self.config)
-        self._entries = check_entries(info)
-        self._information = Information(self.core, self._entries)
+        self._information = Information(self.core, info)
         self._actions = np.zeros((num_envs, self.config.robots, self.config.action_size))
         self._started: Bool = np.zeros(num_envs, np.bool_)
         self._over: Bool = np.zeros(num_envs, np.bool_)
@@ -104,8 +108,23 @@ class RellocVectorEnv(VectorEnv[Any, Any, Any]):
         """Where each named field is in the flat observation of an environment."""
         return joint_slices(self.config)
 
+    @property
+    def spec(self) -> EnvSpec | None:
+        """How Gymnasium made this; its `max_episode_steps` is the configuration's."""
+        return self._spec
+
+    @spec.setter
+    def spec(self, value: EnvSpec | None) -> None:
+        self._spec = specify(value, self.config)
+
     def state(self) -> Float32:
-        """The truth and every observation as one vector (N, S) per environment, for centralised critics."""
+        """The truth and every observation as one vector (N, S) per environment, for centralised critics.
+
+        Raises:
+            ResetNeeded: where an environment was never started.
+        """
+        if not self._started.all():
+            raise ResetNeeded("Call `reset` before `state`: not all environments have an episode")
         return self.core.states()
 
     def reset(self, *, seed: Seeds = None, options: Mapping[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
@@ -134,10 +153,11 @@ class RellocVectorEnv(VectorEnv[Any, Any, Any]):
         core.reset(rows)
         self._started[rows] = True
         self._over[rows] = False
+        self._note_seeds({n: seeds[n] for n in seeded.tolist()})
         self._settle()
         self._follow(rows)
         some = None if rows.size == self.num_envs else rows
-        return self._form(core.observation), self._information.batch(some, new=rows)
+        return self._form(core.observation), self._information.batch(some)
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
         """Hold one action [-] (N, R A) in each environment for `samples_per_action` samples.
@@ -170,7 +190,7 @@ class RellocVectorEnv(VectorEnv[Any, Any, Any]):
             self._over = np.zeros(self.num_envs, np.bool_)
             self._waiting = new[:0]
         self._follow(new, moved=True)
-        info = self._information.batch(new=new if new.size else None)
+        info = self._information.batch()
         return self._form(core.observation), rewards, terminated, truncated, final | info
 
     def _restart(self, rows: Rows) -> None:
@@ -248,7 +268,13 @@ class RellocVectorEnv(VectorEnv[Any, Any, Any]):
         self._follow(rows)
 
     def observations(self) -> Any:
-        """What all environments show now, in fresh arrays: after `set_state` or `clone`, before the first step."""
+        """What all environments show now, in fresh arrays: after `set_state` or `clone`, before the first step.
+
+        Raises:
+            ResetNeeded: where an environment was never started.
+        """
+        if not self._started.all():
+            raise ResetNeeded("Call `reset` before `observations`: not all environments have an episode")
         return self._form(self.core.observation.copy())
 
     def reseed(self, seed: Seeds = None, which: Which = None) -> None:
@@ -283,7 +309,7 @@ class RellocVectorEnv(VectorEnv[Any, Any, Any]):
         self.core.check_clonable()
         other = RellocVectorEnv(
             copies, self.config, render_mode=self.render_mode, autoreset_mode=self.autoreset_mode,
-            info=self._entries, copy=self.copy, threads=self._threads,
+            info=self._information.entries, copy=self.copy, threads=self._threads,
         )  # fmt: skip
         other.set_state(self.get_state(np.full(copies, index)))
         if not same_streams:

@@ -17,6 +17,7 @@ import relloc_env
 from agents import Task, demo, make
 from agents.__main__ import app
 from agents.rollout import Episode, rollout
+from relloc_env.envs.information import Information
 
 ROOT = Path(__file__).resolve().parents[2]
 PNG = b"\x89PNG\r\n\x1a\n"
@@ -78,14 +79,14 @@ def test_rollout_notes_what_the_doors_tell():
     assert played.time.tolist() == [0.25 * k for k in range(13)]
     # Straight ahead at 0.3 m/s for 3 s.
     assert played.summary()["path_m"] == pytest.approx(0.9, abs=1e-9)
-    info = env.core.information.one(0)
-    np.testing.assert_array_equal(played.poses[-1], info["truth"]["poses"])
-    np.testing.assert_array_equal(played.pose_error[-1], info["errors"]["pose"])
-    assert played.information[-1] == info["information"]["pose"]
+    info = Information(env.core).one(0)
+    np.testing.assert_array_equal(played.poses[-1], info["truth/poses"])
+    np.testing.assert_array_equal(played.pose_error[-1], info["errors/pose"])
+    assert played.information[-1] == info["information/pose"]
     # Depth is range times the cosine of the bearing, for the estimate and for the truth; bearings are nearly known.
     to = played.points[None, :, :2] - played.poses[-1, :, None, :2]
     bearing = np.arctan2(to[..., 1], to[..., 0]) - played.poses[-1, :, None, 2]
-    np.testing.assert_allclose(played.depth_error[-1], np.cos(bearing) * info["errors"]["range"], atol=0.02)
+    np.testing.assert_allclose(played.depth_error[-1], np.cos(bearing) * info["errors/range"], atol=0.02)
 
 
 class TestFindLogs:

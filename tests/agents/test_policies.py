@@ -16,7 +16,7 @@ from relloc_env.wrappers import RecordLog
 def rows_of(task, n, time=0.0, **fields):
     """Observations (N, R, D) that are zero but for the fields given."""
     rows = np.zeros((n, task.robots, bounds(task.config)[0].size), np.float32)
-    rows[..., task.slices["time"]] = time
+    rows[..., task.slices["progress"]] = time
     for name, value in fields.items():
         rows[..., task.slices[name]] = value
     return rows
@@ -48,7 +48,7 @@ def test_actions_are_finite_and_within_the_limits(name, robots):
     stream = np.random.default_rng(5)
     for k in range(40):  # 640 random observations per robot
         rows = stream.uniform(np.maximum(low, -3.0), np.minimum(high, 3.0), (16, robots, low.size)).astype(np.float32)
-        rows[..., task.slices["time"]] = k / task.config.max_cycles
+        rows[..., task.slices["progress"]] = k / task.config.max_cycles
         action = policy.act(rows)
         assert action.shape == (16, robots, 2)
         assert np.isfinite(action).all()
@@ -64,7 +64,7 @@ def test_neighbours_in_the_batch_do_not_matter(name, pair):
     few.reset(3, 21)
     for k in range(20):
         rows = stream.uniform(np.maximum(low, -3.0), np.minimum(high, 3.0), (8, 2, low.size)).astype(np.float32)
-        rows[..., pair.slices["time"]] = k / pair.config.max_cycles
+        rows[..., pair.slices["progress"]] = k / pair.config.max_cycles
         np.testing.assert_array_equal(many.act(rows)[:3], few.act(rows[:3]))
 
 
@@ -76,7 +76,7 @@ def test_a_row_whose_time_is_zero_begins_anew(name, pair):
     used.reset(1, 0)
     fresh.reset(1, 0)
     episodes = stream.uniform(np.maximum(low, -3.0), np.minimum(high, 3.0), (2, 30, 1, 2, low.size)).astype(np.float32)
-    episodes[..., pair.slices["time"]] = (np.arange(30) / pair.config.max_cycles)[None, :, None, None, None]
+    episodes[..., pair.slices["progress"]] = (np.arange(30) / pair.config.max_cycles)[None, :, None, None, None]
     for rows in episodes[0]:
         used.act(rows)
     for rows in episodes[1]:
@@ -218,7 +218,7 @@ def poses():
     for _ in range(20):
         action = policy.act(task.rows(observations))[0]
         observations, *_, infos = env.step(dict(zip(env.agents, action, strict=True)))
-    return infos["robot_a"]["truth"]["poses"]
+    return infos["robot_a"]["truth/poses"]
 
 
 class TestDoors:
@@ -232,7 +232,7 @@ class TestDoors:
         for _ in range(20):
             action = policy.act(task.rows(observation)).ravel()
             observation, *_, info = env.step(action.astype(np.float32))
-        np.testing.assert_allclose(info["truth"]["poses"], poses, atol=1e-5)
+        np.testing.assert_allclose(info["truth/poses"], poses, atol=1e-5)
 
     def test_aec(self, poses):
         env = relloc_env.env()
@@ -243,7 +243,7 @@ class TestDoors:
             action = policy.act(task.rows({agent: env.observe(agent) for agent in env.agents}))[0]
             for one in action:
                 env.step(one)
-        np.testing.assert_array_equal(env.infos["robot_a"]["truth"]["poses"], poses)
+        np.testing.assert_array_equal(env.infos["robot_a"]["truth/poses"], poses)
 
     def test_wrapped(self, tmp_path):
         env = RecordLog(gym.make("relloc_env/ActiveDepth-v0"), tmp_path)

@@ -116,6 +116,8 @@ def test_stepping_after_the_end() -> None:
     for _ in range(2):
         env.step(ZERO)
         joint.step(np.zeros(4))
+    for _ in range(2):
+        assert env.step({}) == ({}, {}, {}, {}, {})  # nobody is left to act, as in the environments of PettingZoo
     with pytest.raises(ResetNeeded, match="no episode is running"):
         env.step(ZERO)
     with pytest.raises(ResetNeeded, match="no episode is running"):
@@ -166,7 +168,7 @@ def test_large_seeds_are_not_cut(parallel: Any) -> None:
     starts = []
     for seed in (3, 2**64 + 3, 2**65 + 3):
         _, infos = parallel.reset(seed=seed)
-        starts.append(infos["robot_a"]["truth"]["poses"].tobytes())
+        starts.append(infos["robot_a"]["truth/poses"].tobytes())
     assert len(set(starts)) == 3
 
 
@@ -204,7 +206,7 @@ def test_unknown_options_of_a_reset_are_named_in_a_warning(parallel: Any) -> Non
         parallel.reset(seed=1, options={"point": 1, "points": points})
     with pytest.warns(UserWarning, match="ignored: options"):
         _, infos = parallel.reset(options={"options": 1})
-    np.testing.assert_array_equal(infos["robot_a"]["truth"]["points"], points)
+    np.testing.assert_array_equal(infos["robot_a"]["truth/points"], points)
     parallel.reset(options={})
 
 
@@ -223,6 +225,35 @@ def test_impossible_configurations_at_every_door(options: dict[str, Any], messag
     for door in (relloc_env.parallel_env, relloc_env.env, lambda **given: gym.make(PAIR, **given)):
         with pytest.raises(ConfigError, match=re.escape(message)):
             door(**options)
+
+
+def every_interface() -> dict[str, Any]:
+    doors: dict[str, Any] = {
+        "gymnasium": lambda **given: gym.make(PAIR, **given),
+        "vector": lambda **given: gym.make_vec(PAIR, num_envs=2, **given),
+        "sync": lambda **given: gym.make_vec(PAIR, num_envs=2, vectorization_mode="sync", **given),
+        "parallel": relloc_env.parallel_env,
+        "aec": relloc_env.env,
+        "configuration": load_config,
+    }
+    try:
+        from relloc_env.envs.sb3 import RellocVecEnv
+        from relloc_env.envs.varied import VariedVecEnv
+    except ImportError:
+        return doors
+    return {**doors, "sb3": RellocVecEnv, "varied": lambda **given: VariedVecEnv(2, groups=1, **given)}
+
+
+@pytest.mark.parametrize("door", every_interface())
+@pytest.mark.parametrize(
+    ("name", "close"), [("frameskip", ""), ("estimater", "estimator"), ("max_cycle", "max_cycles")]
+)
+def test_unknown_keywords_are_type_errors_too(door: str, name: str, close: str) -> None:
+    """Clients try keywords out, and read the words in which Python refuses one."""
+    for kind in (TypeError, ConfigError):
+        with pytest.raises(kind, match=f"got an unexpected keyword argument '{name}'") as caught:
+            every_interface()[door](**{name: 1})
+    assert (f"did you mean `{close}`" in str(caught.value)) == bool(close)
 
 
 @pytest.mark.parametrize("make", [gym.make, gym.make_vec, "sync", "parallel", "aec"])

@@ -1,5 +1,8 @@
 """The real clients' own conformance suites, unchanged, on every door."""
 
+import os
+import subprocess
+import sys
 import warnings
 from collections.abc import Callable
 from pathlib import Path
@@ -23,6 +26,7 @@ from pettingzoo.test import (
 
 import relloc_env
 
+ROOT = Path(__file__).resolve().parents[2]
 IDS = ("relloc_env/ActiveDepth-v0", "relloc_env/RelativePose-v0")
 VARIANTS: dict[str, dict[str, Any]] = {
     "default": {},
@@ -96,6 +100,22 @@ WRAPPERS: dict[str, Callable[[gym.Env[Any, Any]], gym.Env[Any, Any]]] = {
 }
 
 
+@pytest.mark.parametrize("flatten", [True, False])
+@pytest.mark.parametrize("name", IDS)
+def test_time_aware_observation_of_a_dict(name: str, flatten: bool) -> None:
+    """The wrapper's own entry `time` counts the actions, beside our fields."""
+    env: Any = wrappers.TimeAwareObservation(
+        gym.make(name, estimator="cascade", observation="dict", max_cycles=4), flatten=flatten
+    )
+    observation, _ = env.reset(seed=1)
+    for k in range(5):
+        assert env.observation_space.contains(observation)
+        if not flatten:
+            assert observation["time"] == k
+        if k < 4:
+            observation, *_ = env.step(env.action_space.sample())
+
+
 @pytest.mark.parametrize("wrapper", WRAPPERS)
 @pytest.mark.parametrize("name", IDS)
 def test_gymnasium_wrappers(name: str, wrapper: str) -> None:
@@ -128,6 +148,37 @@ def test_id_without_import(name: str) -> None:
     env = gym.make(f"relloc_env:{name}")
     observation, _ = env.reset(seed=0)
     assert env.observation_space.contains(observation)
+
+
+FRESH = """
+import sys
+import gymnasium as gym
+
+def make():
+    return gym.make("relloc_env:{name}", estimator="cascade")
+
+if __name__ == "__main__":
+    assert "relloc_env" not in sys.modules
+    make().reset(seed=1)
+    batch = gym.make_vec("relloc_env:{name}", num_envs=2, estimator="cascade")
+    for context in ("fork", "spawn"):
+        workers = gym.vector.AsyncVectorEnv([make, make], context=context)
+        assert (workers.reset(seed=1)[0] == batch.reset(seed=1)[0]).all()
+        workers.close()
+    print("done")
+"""
+
+
+@pytest.mark.parametrize("name", IDS)
+def test_id_in_a_process_that_imported_nothing(name: str, tmp_path: Path) -> None:
+    """As workers of RLlib and scripts of CleanRL make environments; also in processes that they start in turn."""
+    script = tmp_path / "fresh.py"
+    script.write_text(FRESH.replace("{name}", name), "utf-8")
+    paths = os.pathsep.join(filter(None, (str(ROOT), os.environ.get("PYTHONPATH"))))
+    surroundings = {**os.environ, "PYTHONPATH": paths}
+    command = [sys.executable, str(script)]
+    run = subprocess.run(command, cwd=tmp_path, env=surroundings, capture_output=True, text=True, check=False)
+    assert run.stdout == "done\n", run.stderr
 
 
 @pytest.mark.parametrize("name", IDS)

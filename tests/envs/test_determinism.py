@@ -186,7 +186,7 @@ def test_unseeded_episodes_differ() -> None:
         env = relloc_env.parallel_env(estimator=None)
         for _ in range(3):
             _, infos = env.reset()
-            starts.append(infos["robot_a"]["truth"]["poses"].tobytes())
+            starts.append(infos["robot_a"]["truth/poses"].tobytes())
     assert len(set(starts)) == 6
 
 

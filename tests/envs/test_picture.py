@@ -31,7 +31,7 @@ def test_errors_honesty_and_bound_of_a_pose() -> None:
     assert list(strips) == ["depth error [m]", "pose error [m, °]", "NEES", "excitation [m/s]"]
     for strip in strips.values():
         assert strip.time == pytest.approx(np.arange(0.0, 5.01, 0.25))
-    believed, (a, b) = env.core.onboard.estimate, info["truth"]["poses"]
+    believed, (a, b) = env.core.onboard.estimate, info["truth/poses"]
     toward = complex(b[0] - a[0], b[1] - a[1]) * np.exp(-1j * a[2])
     error = believed.pose[0, 0] - [toward.real, toward.imag, b[2] - a[2]]
     error[2] = np.angle(np.exp(1j * error[2]))
@@ -40,12 +40,12 @@ def test_errors_honesty_and_bound_of_a_pose() -> None:
     assert honest.lines[0, -1] == pytest.approx(wanted, rel=1e-3)
     assert honest.band == pytest.approx([chi2.ppf(0.025, 3), chi2.ppf(0.975, 3)], rel=1e-3)
     assert pose.lines[0, -1] == pytest.approx(np.hypot(*error[:2]))
-    assert pose.lines[:, -1] == pytest.approx(info["errors"]["pose"][:, 0])
+    assert pose.lines[:, -1] == pytest.approx(info["errors/pose"][:, 0])
     square = np.trace(env.core.score.pose_covariance[0, :2, :2])
     assert pose.bound is not None
     assert pose.bound[-1] == pytest.approx(np.sqrt(square))
     depth = strips["depth error [m]"]
-    assert depth.lines[:, -1] == pytest.approx(np.abs(info["errors"]["range"]).max(axis=1))
+    assert depth.lines[:, -1] == pytest.approx(np.abs(info["errors/range"]).max(axis=1))
     excitation = strips["excitation [m/s]"].lines
     assert np.isnan(excitation[:, [0, -1]]).all()  # before there was motion, and when nothing is in view any more
 
@@ -57,7 +57,7 @@ def test_ranges_of_a_single_robot_against_the_bound() -> None:
     depth = strips["depth error [m]"]
     assert depth.bound is not None
     assert depth.bound[-1] == pytest.approx(info["bound_sd"][0], rel=1e-6)
-    assert depth.lines[0, -1] == pytest.approx(abs(info["errors"]["range"][0, 0]), rel=1e-6)
+    assert depth.lines[0, -1] == pytest.approx(abs(info["errors/range"][0, 0]), rel=1e-6)
     assert strips["NEES"].band == pytest.approx(chi2.ppf([0.025, 0.975], 3), rel=1e-3)
     gained = strips["excitation [m/s]"].lines[0, -1] ** 2 * 0.25
     assert gained == pytest.approx(info["reward/excitation"], rel=0.05)  # which goes by the truth

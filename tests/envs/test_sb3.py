@@ -198,15 +198,15 @@ def test_infos_on_request() -> None:
     env.seed(1)
     env.reset()
     _, info = single.reset(seed=1)
-    np.testing.assert_equal(env.reset_infos[0]["prior"], info["prior"])
+    np.testing.assert_equal(env.reset_infos[0]["prior/pose"], info["prior/pose"])
     for step in range(2):
         *_, infos = env.step(np.ones((2, 4)))
         *_, info = single.step(np.ones(4))
         assert infos[0]["reward/effort"] == info["reward/effort"]
-        np.testing.assert_equal(infos[0]["truth"], info["truth"])
-        assert "errors" not in infos[0]
+        np.testing.assert_equal(infos[0]["truth/poses"], info["truth/poses"])
+        assert "errors/range" not in infos[0]
         assert ("terminal_observation" in infos[0]) is (step == 1)
-    assert not np.array_equal(env.reset_infos[0]["truth"]["poses"], info["truth"]["poses"])
+    assert not np.array_equal(env.reset_infos[0]["truth/poses"], info["truth/poses"])
     both = RellocVecEnv(1, **SHORT, info=["reward"], decentralised=True)
     both.reset()
     *_, infos = both.step(np.array([[1.0, 0.0], [0.0, 0.0]]))

@@ -117,26 +117,26 @@ def test_options_survive_autoresets_and_masked_resets() -> None:
     poses = [(-2.0, -0.5, 0.1), (-2.0, 1.5, -0.2)]
     env = RellocVectorEnv(3, estimator=None, max_cycles=2, autoreset_mode="Disabled", shield=None)
     _, info = env.reset(seed=1, options={"poses": poses})
-    np.testing.assert_array_equal(info["truth"]["poses"], [poses] * 3)
+    np.testing.assert_array_equal(info["truth/poses"], [poses] * 3)
     for _ in range(2):
         env.step(np.ones((3, 4)))
     mask = np.array([True, False, True])
     options = {"reset_mask": mask}
     _, info = env.reset(options=options)
     assert options == {"reset_mask": mask}
-    np.testing.assert_array_equal(info["truth"]["poses"][mask], [poses] * 2)
-    np.testing.assert_array_equal(info["truth"]["_poses"], mask)
+    np.testing.assert_array_equal(info["truth/poses"][mask], [poses] * 2)
+    np.testing.assert_array_equal(info["_truth/poses"], mask)
     with pytest.raises(ResetNeeded, match=r"over are environments \[1\]"):
         env.step(np.ones((3, 4)))
     _, info = env.reset(options={"reset_mask": ~mask, "poses": None})
-    assert not np.array_equal(info["truth"]["poses"][1], poses)
+    assert not np.array_equal(info["truth/poses"][1], poses)
     env.step(np.ones((3, 4)))
     for mode in ("NextStep", "SameStep"):
         env = RellocVectorEnv(2, estimator=None, max_cycles=1, autoreset_mode=mode)
         env.reset(seed=1, options={"poses": poses})
         for _ in range(2):
             *_, info = env.step(np.ones((2, 4)))
-        np.testing.assert_array_equal(info["truth"]["poses"], [poses] * 2)
+        np.testing.assert_array_equal(info["truth/poses"], [poses] * 2)
         env.reset(options={})
         assert not np.array_equal(env.core.simulation.world.pose[0], poses)
 
@@ -168,8 +168,8 @@ def test_what_is_handed_out_stays_as_it_was(form: str) -> None:
                 for part in kept[-1][:4]:
                     for array in part.values() if isinstance(part, dict) else (part,):
                         array[...] = 1
-                kept[-1][4]["truth"]["poses"][:] = 9.0
-                kept[-1][4]["_truth"][:] = False
+                kept[-1][4]["truth/poses"][:] = 9.0
+                kept[-1][4]["_truth/poses"][:] = False
                 kept[-1][4]["reward/effort"][:] = 9.0
         if not spoil:
             for found, expected in zip(kept, copies, strict=True):
@@ -196,7 +196,7 @@ def test_leaner_infos() -> None:
     assert set(info) == {"final_obs", "_final_obs", "final_info", "_final_info"}
     assert info["final_info"] == {}
     _, info = RellocVectorEnv(2, **ROUGH, info=["truth"]).reset(seed=1)
-    assert set(info) == {"truth", "_truth"}
+    assert set(info) == {"truth/poses", "_truth/poses", "truth/points", "_truth/points"}
     with pytest.raises(ConfigError, match=r"`info` must have names among .*, but has 'rewards'; did you mean `reward`"):
         RellocVectorEnv(2, info=["rewards"])
     with pytest.raises(ConfigError, match=r"`info` must be a sequence of names among .*, but is 'truth'"):

@@ -266,7 +266,7 @@ def test_stopped_while_it_writes_a_checkpoint_it_goes_on_from_the_one_before(
 
 
 def test_a_recurrent_policy_is_played_in_the_layout_that_its_card_tells(tmp_path: Path) -> None:
-    environment = TINY["environment"] | {"nearest_first": True, "without": ["time"]}
+    environment = TINY["environment"] | {"nearest_first": True, "without": ["progress"]}
     config = tiny(
         environment=environment, algorithm={**TINY["algorithm"], "name": "RecurrentPPO"}, steps=32, **MEMORY
     )  # fmt: skip

@@ -58,7 +58,7 @@ def test_every_estimator_lives_on_pictures(estimator) -> None:
         assert env.observation_space.contains(observation)
         assert np.isfinite(float(reward))
     if estimator == "map-alignment":
-        assert info["errors"]["pose"][0, 0] < 0.3  # from 2 m
+        assert info["errors/pose"][0, 0] < 0.3  # from 2 m
 
 
 def test_alone_in_a_batch_and_on_two_threads_the_same_bits() -> None:
