@@ -21,6 +21,7 @@ from relloc_env.envs.door import (
     open_core,
     state_space,
 )
+from relloc_env.envs.fixed import Fixed
 from relloc_env.envs.picture import Picture
 from relloc_env.envs.spaces import joint_action_space, joint_form, joint_slices, joint_space
 from relloc_env.samples import Float32
@@ -29,7 +30,7 @@ from relloc_env.simulation import check_seed
 _ROW = np.zeros(1, np.int64)
 
 
-class RellocEnv(gym.Env[Any, Any]):
+class RellocEnv(Fixed, gym.Env[Any, Any]):
     """Robots watch static points with their cameras; how they move decides what can be known.
 
     ## Action space
@@ -81,6 +82,11 @@ class RellocEnv(gym.Env[Any, Any]):
         self._action = np.zeros((self.core.config.robots, self.core.config.action_size))
         self._running = False
         self._spec: EnvSpec | None = None
+        self._fix()
+
+    def set_wrapper_attr(self, name: str, value: Any, *, force: bool = True) -> bool:
+        """Set an attribute from a wrapper; what cannot be set here is not set on the wrapper either."""
+        return super().set_wrapper_attr(name, value, force=force or name in self._fixed)
 
     @property
     def spec(self) -> EnvSpec | None:

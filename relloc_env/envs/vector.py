@@ -21,6 +21,7 @@ from relloc_env.envs.door import (
     fresh_seeds,
     open_core,
 )
+from relloc_env.envs.fixed import Fixed
 from relloc_env.envs.information import ENTRIES, Information, check_entries
 from relloc_env.envs.picture import Picture
 from relloc_env.envs.spaces import joint_action_space, joint_form, joint_slices, joint_space, many
@@ -34,7 +35,7 @@ Which = NDArray[np.bool_] | NDArray[np.int64] | Sequence[int] | int | None
 """Environments of a batch: a mask (N,), indices (which may repeat), one index, or None for all."""
 
 
-class RellocVectorEnv(VectorEnv[Any, Any, Any]):
+class RellocVectorEnv(Fixed, VectorEnv[Any, Any, Any]):
     """N environments that step together; each is what `RellocEnv` with its seed is, to the last bit.
 
     Observations, actions, rewards, ends and `info` are those of `RellocEnv`, with a leading axis of N, in the form
@@ -93,6 +94,7 @@ class RellocVectorEnv(VectorEnv[Any, Any, Any]):
         self._ready = False  # whether all are started
         pictured = num_envs if self.render_mode else 0
         self._pictures = [Picture(self.core, self.render_mode, n) for n in range(pictured)]
+        self._fix()
 
     @property
     def config(self) -> EnvConfig:
