@@ -232,6 +232,8 @@ def _fixed(name: str, value: ArrayLike | None, count: int) -> Float:
 
 def check_seed(seed: object) -> int:
     """Return a seed as an int, or raise where it is not a non-negative integer."""
+    if isinstance(seed, np.ndarray) and seed.ndim == 0:
+        seed = seed.item()
     if isinstance(seed, bool) or not isinstance(seed, numbers.Integral) or int(seed) < 0:
         raise ValueError(f"Argument `seed` must be a non-negative integer, but is {seed!r}")
     return int(seed)

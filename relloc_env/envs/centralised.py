@@ -20,6 +20,7 @@ from relloc_env.envs.door import (
     open_core,
     state_space,
 )
+from relloc_env.envs.fixed import Fixed
 from relloc_env.envs.information import ENTRIES, Information
 from relloc_env.envs.picture import Picture
 from relloc_env.envs.spaces import joint_action_space, joint_form, joint_slices, joint_space
@@ -30,7 +31,7 @@ from relloc_env.simulation import check_seed
 _ROW = np.zeros(1, np.int64)
 
 
-class RellocEnv(gym.Env[Any, Any]):
+class RellocEnv(Fixed, gym.Env[Any, Any]):
     """Robots watch static points with their cameras; how they move decides what can be known.
 
     ## Action space
@@ -85,6 +86,11 @@ class RellocEnv(gym.Env[Any, Any]):
         self._running = self._started = False
         self._information = Information(self.core, info)
         self._spec: EnvSpec | None = None
+        self._fix()
+
+    def set_wrapper_attr(self, name: str, value: Any, *, force: bool = True) -> bool:
+        """Set an attribute from a wrapper; what cannot be set here is not set on the wrapper either."""
+        return super().set_wrapper_attr(name, value, force=force or name in self._fixed)
 
     @property
     def spec(self) -> EnvSpec | None:

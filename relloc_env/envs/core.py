@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from relloc_env.bound import carry_bound, pack_known, start_bound
-from relloc_env.config import ConfigError, EnvConfig
+from relloc_env.config import ConfigError, EnvConfig, load_config
 from relloc_env.ends import pack_ends
 from relloc_env.envs.observation import Field, bounds, fields, observe, slices
 from relloc_env.envs.onboard import Onboard
@@ -234,6 +234,11 @@ class Core(Sharing):
     def seed(self, rows: Rows, seeds: Sequence[int]) -> None:
         """Start the random streams of the environments `rows` anew, in mid-episode."""
         self.simulation.seed(rows, seeds)
+
+    def set_horizon(self, max_cycles: int) -> None:
+        """Let episodes be truncated after another number of actions."""
+        self.config = load_config(self.config, max_cycles=max_cycles)
+        self._limits[0] = self._ends[0] = max_cycles
 
     def check_clonable(self) -> None:
         """Raise where the estimator is an object of the user's own: it was made for this number of environments."""

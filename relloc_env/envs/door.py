@@ -65,7 +65,7 @@ def check_seeds(seed: object, count: int) -> list[int | None]:
     """Return a seed for each of `count` environments, None to go on: of one integer it and the next ones."""
     if seed is None:
         return [None] * count
-    if isinstance(seed, numbers.Integral):
+    if isinstance(seed, numbers.Integral) or (isinstance(seed, np.ndarray) and seed.ndim == 0):
         first = check_seed(seed)
         return [first + n for n in range(count)]
     if not isinstance(seed, Sequence | np.ndarray) or isinstance(seed, str) or len(seed) != count:

@@ -10,7 +10,7 @@ from gymnasium.error import ResetNeeded
 from gymnasium.utils import seeding
 from pettingzoo import ParallelEnv
 
-from relloc_env.config import EnvConfig
+from relloc_env.config import EnvConfig, load_config
 from relloc_env.envs.core import ROBOT_NAMES
 from relloc_env.envs.door import (
     check_options,
@@ -21,6 +21,7 @@ from relloc_env.envs.door import (
     state_space,
     take_action,
 )
+from relloc_env.envs.fixed import Fixed
 from relloc_env.envs.information import ENTRIES, Information
 from relloc_env.envs.picture import Picture
 from relloc_env.envs.spaces import robot_action_space, robot_form, robot_space
@@ -30,13 +31,16 @@ from relloc_env.simulation import check_seed
 _ROW = np.zeros(1, np.int64)
 
 
-class RellocParallelEnv(ParallelEnv[str, Any, Any]):
+class RellocParallelEnv(Fixed, ParallelEnv[str, Any, Any]):
     """Robots `robot_a` and `robot_b` act at once, each on what it sees and was told.
 
     Action of a robot: `Box(-1, 1, (2,), float32)`, speed and yaw rate as shares of its limits (and gains, with
     `action="motion+gains"`). Observation, rewards, ends and arguments as in `relloc_env.envs.centralised.RellocEnv`,
-    robot by robot; `infos[robot]` holds the truth.
+    robot by robot; `infos[robot]` holds the truth. `max_cycles` may be set, as PettingZoo's own tests do, and holds
+    from the next `reset` on; other options cannot.
     """
+
+    MAY_BE_SET = Fixed.MAY_BE_SET | {"max_cycles"}
 
     metadata = {  # noqa: RUF012 - the form PettingZoo asks for
         "render_modes": ["human", "rgb_array"],
@@ -68,13 +72,24 @@ class RellocParallelEnv(ParallelEnv[str, Any, Any]):
         self.state_space = state_space(self.core)
         self._information = Information(self.core, info)
         self._form = robot_form(self.core.config)
+        self._horizon = self.core.config.max_cycles
         self._names = set(self.possible_agents)
         self._actions = np.zeros((1, self.core.config.robots, self.core.config.action_size))
+        self._fix()
 
     @property
     def config(self) -> EnvConfig:
         """The configuration, complete."""
         return self.core.config
+
+    @property
+    def max_cycles(self) -> int:
+        """Actions after which episodes are truncated, those that begin from now on."""
+        return self._horizon
+
+    @max_cycles.setter
+    def max_cycles(self, value: int) -> None:
+        self._horizon = load_config(self.config, max_cycles=value).max_cycles
 
     @property
     def field_slices(self) -> dict[str, slice]:
@@ -111,6 +126,8 @@ class RellocParallelEnv(ParallelEnv[str, Any, Any]):
     ) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
         """Start an episode; arguments and errors as in `RellocEnv.reset`."""
         self.agents, self._started = [], False
+        if self._horizon != self.core.config.max_cycles:
+            self.core.set_horizon(self._horizon)
         self.core.reset(_ROW, None if seed is None else [check_seed(seed)], check_options(options))
         self.agents, self._started = self.possible_agents[:], True
         if seed is not None:

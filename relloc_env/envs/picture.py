@@ -9,19 +9,15 @@ import numpy as np
 from gymnasium.error import ResetNeeded
 from numpy.typing import NDArray
 
-from relloc_env.metrics import bound_range_sd, nees, nees_band, point_errors, pose_errors
+from relloc_env.envs.history import History
 from relloc_env.pinhole import project
-from relloc_env.samples import Estimate, Float
+from relloc_env.samples import Estimate
 
 if TYPE_CHECKING:
     from relloc_env.envs.core import Core
     from relloc_env.rendering import Renderer
-    from relloc_env.rendering.course import Course, Instant
     from relloc_env.rendering.scene import Scene
     from relloc_env.vision.sensor import Sensor
-
-_PIECES = 256
-"""Pieces of a trail that are kept apart, so that those of long drives need not be put together for each picture."""
 
 
 class Picture:
@@ -30,36 +26,33 @@ class Picture:
     Args:
         mode: None, "rgb_array" or "human".
         size: [px] width and height.
+        past: [s] of the past that the numbers over time show; default: a whole episode.
     """
 
-    def __init__(self, core: "Core", mode: str | None, n: int = 0, size: tuple[int, int] = (960, 540)) -> None:
-        self._core, self._mode, self._n, self._size = core, mode, n, size
-        self._trails: list[list[Float]] = [[] for _ in range(core.config.robots)]
-        self._course: Course | None = None
+    def __init__(
+        self,
+        core: "Core",
+        mode: str | None,
+        n: int = 0,
+        size: tuple[int, int] = (960, 540),
+        past: float = math.inf,
+    ) -> None:
+        self._core, self._mode, self._n, self._size, self._past = core, mode, n, size, past
+        self._history: History | None = None
         self._sensors: dict[int, Sensor] = {}
         self._renderer: Renderer | None = None
 
+    def __getstate__(self) -> dict[str, Any]:
+        """What a copy has; it opens a window and takes pictures of its own."""
+        return {**self.__dict__, "_renderer": None, "_sensors": {}}
+
     def follow(self, *, new: bool = False) -> None:
-        """Note where the robots went in the last action (`new`: an episode starts), and refresh the window."""
+        """Note what happened in the last action (`new`: an episode starts), and refresh the window."""
         if self._mode is None:
             return
-        simulation, n = self._core.simulation, self._n
-        places = simulation.world.pose[n, None, :, :2] if new else simulation.truth.pose[n, ..., :2]
-        for r, trail in enumerate(self._trails):
-            if new:
-                trail.clear()
-            trail.append(places[:, r].copy())
-            if len(trail) > _PIECES:
-                trail[:] = [np.concatenate(trail)]
-        if self._course is None:
-            from relloc_env.rendering.course import Course
-
-            # Of a single robot's points, each with three numbers, the mean is told.
-            count = 1 if self._core.config.robots > 1 else self._core.config.targets
-            self._course = Course(self._core.config.robots, nees_band(3, count))
-        if new:
-            self._course.clear()
-        self._course.add(instant(self._core, n))
+        if self._history is None:
+            self._history = History(self._core, self._n, self._past)
+        self._history.note(new=new)
         if self._mode == "human":
             self._draw()
 
@@ -72,14 +65,14 @@ class Picture:
         if self._mode is None:
             gym.logger.warn("`render` without a `render_mode` draws nothing; choose one when the environment is made")
             return None
-        if not self._trails[0]:
+        if self._history is None:
             raise ResetNeeded("Call `reset` before `render`: there is nothing to show yet")
         return self._draw() if self._mode == "rgb_array" else None
 
     def scene(self) -> "Scene":
         """The present, to be drawn or recorded; only with a mode, and after `follow`."""
-        assert self._course is not None
-        drawn = scene(self._core, self._n, [np.concatenate(trail) for trail in self._trails], self._course)
+        assert self._history is not None
+        drawn = scene(self._core, self._n, self._history)
         config = self._core.config
         if all(config.camera_of(r).kind == "analytic" for r in range(config.robots)):
             return drawn
@@ -116,7 +109,7 @@ class Picture:
             self._renderer = None
 
 
-def scene(core: "Core", n: int, trails: list[Float], course: "Course") -> "Scene":
+def scene(core: "Core", n: int, history: History) -> "Scene":
     """Describe environment n as it is now, and how it came there."""
     from relloc_env.rendering.scene import CameraGeometry, Scene, target_colours
 
@@ -139,54 +132,10 @@ def scene(core: "Core", n: int, trails: list[Float], course: "Course") -> "Scene
         robot_height=config.robot_of(0).height,
         arena=None if half is None else (-half[0], half[0], -half[1], half[1]),
         obstacles=core.simulation.obstacles.copy() if len(config.obstacles) else None,
-        trails=trails,
+        trails=history.trails(),
         estimate=None if core.bare else Estimate(*(np.array(part[n]) for part in core.onboard.estimate)),
         contact=world.contact[n].copy(),
         blocked=world.blocked[n] > 0,
-        strips=course.strips(),
-        horizon=config.max_cycles * config.samples_per_action * config.sample_period,
+        strips=history.course().strips(),
+        horizon=min(history.past, config.max_cycles * config.samples_per_action * config.sample_period),
     )
-
-
-def instant(core: "Core", n: int) -> "Instant":
-    """Errors of environment n, how they compare with what is claimed and with what is possible, and excitation."""
-    from relloc_env.rendering.course import Instant, least_excitation
-
-    config, score, world = core.config, core.score, core.simulation.world
-    robots = config.robots
-    none = np.full(robots, np.nan)
-    depth, position, heading, honest = none, none, none, none
-    if not core.bare:
-        error = np.abs(score.depth_error[n])
-        depth = np.where(np.isfinite(error), error, -1.0).max(axis=1)
-        depth = np.where(depth >= 0.0, depth, np.nan)
-        if robots > 1:
-            position, heading = score.pose_error[n].T
-        honest = _honesty(core, n)
-    excitation = least_excitation(core.simulation.samples, n, slice(None)) if core.elapsed[n] else none
-    now = Instant(float(world.tick[n]) * config.sample_period, depth, position, heading, honest, excitation)
-    if not config.tracks_bound:
-        return now
-    ranges = bound_range_sd(score.bound[n : n + 1], world.pose[n : n + 1], world.points[n : n + 1])
-    square = np.trace(score.pose_covariance[n, :2, :2]) if robots > 1 else math.nan
-    return now._replace(depth_bound=float(ranges.max()), position_bound=math.sqrt(square))
-
-
-def _honesty(core: "Core", n: int) -> Float:
-    """(R,) NEES of each robot's pose of the other; of a single robot's points, their mean."""
-    poses, estimate = core.simulation.world.pose[n : n + 1], core.onboard.estimate
-    one = Estimate._make(part[n : n + 1] for part in estimate)
-    if core.config.robots > 1:
-        return _usable(nees(pose_errors(one, poses)[0], one.pose_covariance[0]))
-    heights = np.array([core.config.camera_of(0).mount_height])
-    polar = point_errors(one, poses, core.simulation.world.points[n : n + 1], heights).polar[0, 0]
-    known = np.flatnonzero(one.known[0, 0])
-    if not known.size:
-        return np.full(1, np.nan)
-    mean: Float = np.mean(_usable(nees(polar[known], one.points_covariance[0, 0, known])), keepdims=True)
-    return mean
-
-
-def _usable(values: Float) -> Float:
-    """NaN where nothing usable is claimed."""
-    return np.where(np.isfinite(values), values, np.nan)

@@ -1,18 +1,28 @@
 """The Stable-Baselines3 door: a batch as its `VecEnv`. Imported only by those who train with it."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
+from gymnasium.envs.registration import EnvSpec
 from gymnasium.error import ResetNeeded
 from stable_baselines3.common.vec_env import VecEnv
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvStepReturn
 
-from relloc_env.config import EnvConfig
+from relloc_env.config import TASKS, EnvConfig
 from relloc_env.envs.core import ROBOT_NAMES
-from relloc_env.envs.door import check_actions, check_options, check_render_mode, check_seeds, check_state, open_core
+from relloc_env.envs.door import (
+    check_actions,
+    check_options,
+    check_render_mode,
+    check_state,
+    frames_per_second,
+    open_core,
+)
+from relloc_env.envs.fixed import Fixed
 from relloc_env.envs.information import Information
 from relloc_env.envs.picture import Picture
 from relloc_env.envs.spaces import (
@@ -25,9 +35,10 @@ from relloc_env.envs.spaces import (
     robot_space,
 )
 from relloc_env.samples import Float32, Rows
+from relloc_env.simulation import check_seed
 
 
-class RellocVecEnv(VecEnv):
+class RellocVecEnv(Fixed, VecEnv):
     """N environments for Stable-Baselines3: one row each, or one row for each robot.
 
     Centralised, a row is a `RellocEnv`: both robots' observations, one joint action, the mean reward. Decentralised, a
@@ -67,7 +78,7 @@ class RellocVecEnv(VecEnv):
         self._form = robot_form(self.config) if decentralised else joint_form(self.config)
         self._information = Information(self.core, info)
         self._actions = np.zeros((num_envs, robots, self.config.action_size))
-        self._rows: dict[int, Row] = {}
+        self.rows: dict[int, Row] = {}
         self._ready = False
         self._pictures = [Picture(self.core, self._mode, n) for n in range(num_envs if self._mode else 0)]
         super().__init__(
@@ -75,6 +86,8 @@ class RellocVecEnv(VecEnv):
             robot_space(self.config) if decentralised else joint_space(self.config),
             robot_action_space(self.config) if decentralised else joint_action_space(self.config),
         )
+        self.metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": frames_per_second(self.core)}
+        self._fix()
 
     @property
     def config(self) -> EnvConfig:
@@ -87,10 +100,13 @@ class RellocVecEnv(VecEnv):
         return self.core.slices if self.decentralised else joint_slices(self.config)
 
     def seed(self, seed: int | None = None) -> Sequence[int | None]:
-        """Set the seeds of the next `reset`: of environment 0, the others take the next ones; returns each row's."""
-        first = super().seed(seed)[0]
+        """Set the seeds of the next `reset`: of environment 0, the others take the next ones; returns each row's.
+
+        Raises:
+            ValueError: what is no non-negative integer; None draws one.
+        """
+        first = super().seed(None if seed is None else check_seed(seed))[0]
         assert first is not None
-        check_seeds(first, 1)
         self._seeds = [first + row // self.rows_each for row in range(self.num_envs)]
         return self._seeds
 
@@ -200,9 +216,9 @@ class RellocVecEnv(VecEnv):
 
     def row(self, index: int) -> "Row":
         """One row as an object: what `get_attr`, `set_attr` and `env_method` work on."""
-        if index not in self._rows:
-            self._rows[index] = Row(self, *divmod(range(self.num_envs)[index], self.rows_each))
-        return self._rows[index]
+        if index not in self.rows:
+            self.rows[index] = Row(self, *divmod(range(self.num_envs)[index], self.rows_each))
+        return self.rows[index]
 
     def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
         """An attribute of some rows; see `Row`."""
@@ -213,7 +229,11 @@ class RellocVecEnv(VecEnv):
         return [getattr(row, attr_name) for row in self._chosen(indices)]
 
     def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> None:
-        """Set an attribute of some rows, also of a name of the caller's own."""
+        """Set an attribute of a name of the caller's own on some rows.
+
+        Raises:
+            AttributeError: an option or a part of the environments: these are fixed when they are made.
+        """
         for row in self._chosen(indices):
             setattr(row, attr_name, value)
 
@@ -238,26 +258,68 @@ class RellocVecEnv(VecEnv):
         """The pictures of now, one RGB array (H, W, 3) per environment."""
         return [picture.render() for picture in self._pictures]
 
+    def render_row(self, index: int) -> Any:
+        """The picture of an environment, an RGB array (H, W, 3); None without a `render_mode`."""
+        return self._pictures[index].render() if self._pictures else None
+
+    def carry_over(self, rows: Mapping[int, "Row"]) -> None:
+        """Give rows what callers had set on those that had their indices in another environment."""
+        for index, row in rows.items():
+            for name, value in row.own.items():
+                setattr(self.row(index), name, value)
+
     def close(self) -> None:
         """Let go of what pictures need."""
         for picture in self._pictures:
             picture.close()
 
 
-class Row:
+class Row(Fixed):
     """One row of a `RellocVecEnv`: an environment, or a robot of it.
 
     Attributes:
         index: of the environment.
         robot: name of the robot; None where a row is a whole environment.
+        config, field_slices, observation_space, action_space, metadata, render_mode: as of the `RellocVecEnv`.
     """
+
+    MAY_BE_SET = frozenset[str]()
 
     def __init__(self, env: RellocVecEnv, index: int, robot: int) -> None:
         self._env = env
         self.index = index
         self.robot = ROBOT_NAMES[robot] if env.decentralised else None
-        self.config = env.config
+        self.config, self.field_slices = env.config, env.field_slices
         self.observation_space, self.action_space = env.observation_space, env.action_space
+        self.metadata, self.render_mode = env.metadata, env.render_mode
+        self._fix()
+
+    @property
+    def unwrapped(self) -> "Row":
+        """The row itself."""
+        return self
+
+    @property
+    def spec(self) -> EnvSpec | None:
+        """How Gymnasium makes such an environment; None where a row is a robot."""
+        if self.robot is not None:
+            return None
+        name = {count: name for name, count in TASKS.items()}[self.config.robots]
+        options = {"config": self.config.to_dict()}
+        return replace(gym.spec(name), max_episode_steps=self.config.max_cycles, kwargs=options)
+
+    def refusal(self, name: str) -> str:
+        """As of the whole `RellocVecEnv`."""
+        return self._env.refusal(name)
+
+    @property
+    def own(self) -> dict[str, Any]:
+        """What callers have set."""
+        return {name: value for name, value in vars(self).items() if not (name in self._fixed or name.startswith("_"))}
+
+    def render(self) -> Any:
+        """The picture of the environment, an RGB array (H, W, 3); None without a `render_mode`."""
+        return self._env.render_row(self.index)
 
     def state(self) -> Float32:
         """The truth and every observation of the environment as one vector, for centralised critics."""

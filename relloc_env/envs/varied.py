@@ -11,16 +11,18 @@ from stable_baselines3.common.vec_env import VecEnv
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvStepReturn
 
 from relloc_env.config import ConfigError, EnvConfig, load_config
-from relloc_env.envs.door import check_actions
+from relloc_env.envs.door import check_actions, check_render_mode
+from relloc_env.envs.fixed import Fixed
 from relloc_env.envs.observation import places, slices
 from relloc_env.envs.sb3 import RellocVecEnv, Row
 from relloc_env.envs.spaces import joint_action_space, joint_slices, joint_space, robot_action_space, robot_space
 from relloc_env.envs.specification import take_horizon
 from relloc_env.envs.variation import Stage, Variation
 from relloc_env.samples import Float32
+from relloc_env.simulation import check_seed
 
 
-class VariedVecEnv(VecEnv):
+class VariedVecEnv(Fixed, VecEnv):
     """N environments in K groups, each group a `RellocVecEnv` of a configuration of its own.
 
     A group has a life of `max_cycles` actions: one whole episode of each of its environments, where nothing ends
@@ -40,6 +42,7 @@ class VariedVecEnv(VecEnv):
         decentralised: whether each robot is a row.
         staggered: whether the first lives of the groups end one after the other: they begin as if some time had passed.
         info: entries of `relloc_env.envs.information.ENTRIES` for every row's info, which is slow; () for none.
+        render_mode: None or "rgb_array".
 
     Attributes:
         timesteps: rows that were stepped so far, as Stable-Baselines3 counts; set it to go on elsewhere in a
@@ -59,6 +62,7 @@ class VariedVecEnv(VecEnv):
         decentralised: bool = False,
         staggered: bool = False,
         info: Sequence[str] = (),
+        render_mode: str | None = None,
         **options: Any,
     ) -> None:
         if not 1 <= groups <= num_envs:
@@ -69,7 +73,8 @@ class VariedVecEnv(VecEnv):
             raise ConfigError(f'Argument `observation` must be "flat" here, but is {layout.observation!r}')
         self.decentralised, self.staggered, self.timesteps = decentralised, staggered, 0
         self.rows_each = layout.robots if decentralised else 1
-        self._options_of_groups = {"decentralised": decentralised, "info": info}
+        self._mode = check_render_mode(render_mode, ("rgb_array",))
+        self._options_of_groups = {"decentralised": decentralised, "info": info, "render_mode": render_mode}
         firsts = np.linspace(0, num_envs, groups + 1).astype(int).tolist()
         self._groups = [
             _Group(self.variation, k, first, last - first, self._options_of_groups)
@@ -82,6 +87,8 @@ class VariedVecEnv(VecEnv):
         )
         assert self.action_space.shape is not None
         self._actions = np.zeros((self.num_envs, *self.action_space.shape))
+        self.metadata = self._groups[0].env.metadata
+        self._fix()
 
     @property
     def config(self) -> EnvConfig:
@@ -104,8 +111,8 @@ class VariedVecEnv(VecEnv):
         return slices(self.config) if self.decentralised else joint_slices(self.config)
 
     def seed(self, seed: int | None = None) -> Sequence[int | None]:
-        """Set the seeds of the next `reset`: of environment 0, the others take the next ones; returns each row's."""
-        first = super().seed(seed)[0]
+        """Set the seeds of the next `reset`; as `RellocVecEnv.seed`."""
+        first = super().seed(None if seed is None else check_seed(seed))[0]
         assert first is not None
         self._seeds = [first + row // self.rows_each for row in range(self.num_envs)]
         return self._seeds
@@ -194,13 +201,13 @@ class VariedVecEnv(VecEnv):
 
     def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
         """An attribute of some rows; see `relloc_env.envs.sb3.Row`."""
-        if attr_name == "render_mode":  # asked for before there are rows; there are no pictures here
+        if attr_name == "render_mode":  # asked for before there are rows
             count = sum(group.count for group in self._groups) * self.rows_each
-            return [None] * (count if indices is None else len(list(self._get_indices(indices))))
+            return [self._mode] * (count if indices is None else len(list(self._get_indices(indices))))
         return [getattr(self.row(int(index)), attr_name) for index in self._get_indices(indices)]
 
     def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> None:
-        """Set an attribute of some rows, until the lives of their groups are over."""
+        """Set an attribute of a name of the caller's own on some rows; errors as of `RellocVecEnv.set_attr`."""
         for index in self._get_indices(indices):
             setattr(self.row(int(index)), attr_name, value)
 
@@ -218,6 +225,10 @@ class VariedVecEnv(VecEnv):
     ) -> list[bool]:
         """Whether rows are wrapped, one by one: they are not."""
         return [False for _ in self._get_indices(indices)]
+
+    def get_images(self) -> Sequence[Any]:
+        """The pictures of now, one RGB array (H, W, 3) per environment."""
+        return [picture for group in self._groups for picture in group.env.get_images()]
 
     def close(self) -> None:
         """Let go of the groups."""
@@ -251,7 +262,10 @@ class _Group:
         streams = self.env.core.simulation.world.streams
         if seed is not None:
             self._seed, self._lives = seed, 0
+        last = self.env
+        last.close()
         self.env, self.age = self._open(stage), 0
+        self.env.carry_over(last.rows)
         if seed is None:
             self.env.core.simulation.world.streams[:] = streams
         else:
@@ -280,7 +294,10 @@ class _Group:
     def set_state(self, state: Mapping[str, Any]) -> Any:
         """Put back what `get_state` gave; returns what is seen."""
         self._seed, self._lives, self.age = state["seed"], state["lives"], state["age"]
+        last = self.env
+        last.close()
         self.env = RellocVecEnv(self.count, load_config(state["config"]), **self._options)
+        self.env.carry_over(last.rows)
         self.env.reset()
         core = self.env.core
         core.set_state(state["core"], core.everyone)

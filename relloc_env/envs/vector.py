@@ -22,6 +22,7 @@ from relloc_env.envs.door import (
     fresh_seeds,
     open_core,
 )
+from relloc_env.envs.fixed import Fixed
 from relloc_env.envs.information import ENTRIES, Information
 from relloc_env.envs.member import Batch
 from relloc_env.envs.picture import Picture
@@ -37,7 +38,7 @@ Which = NDArray[np.bool_] | NDArray[np.int64] | Sequence[int] | int | None
 """Environments of a batch: a mask (N,), indices (which may repeat), one index, or None for all."""
 
 
-class RellocVectorEnv(Batch):
+class RellocVectorEnv(Fixed, Batch):
     """N environments that step together; each is what `RellocEnv` with its seed is, to the last bit.
 
     Observations, actions, rewards, ends and `info` are those of `RellocEnv`, with a leading axis of N, in the form
@@ -97,6 +98,7 @@ class RellocVectorEnv(Batch):
         self._ready = False  # whether all are started
         pictured = num_envs if self.render_mode else 0
         self._pictures = [Picture(self.core, self.render_mode, n) for n in range(pictured)]
+        self._fix()
 
     @property
     def config(self) -> EnvConfig:

@@ -1,7 +1,6 @@
 """One drive after another: the world, the estimator that watches, and the log of what happened. No window."""
 
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -59,7 +58,7 @@ class Session:
             self._names.insert(0, self.estimator)
         self._first = self.estimator
         self.core = Core(self.config)
-        self.picture = Picture(self.core, "rgb_array")
+        self.picture = Picture(self.core, "rgb_array", past=HORIZON)
         self._actions: list[Float] = []
         self._views: list[View] = []
         self._writer: LogWriter | None = None
@@ -106,7 +105,7 @@ class Session:
         chosen = self.config.estimator if self.estimator == self._first else self.estimator
         before = self.core.simulation
         self.core = Core(load_config(self.config, estimator=chosen))
-        self.picture = Picture(self.core, "rgb_array")
+        self.picture = Picture(self.core, "rgb_array", past=HORIZON)
         simulation = self.core.simulation
         if before.eyes is not None:
             simulation.eyes = _Memory(self._views)
@@ -130,7 +129,7 @@ class Session:
 
     def scene(self) -> "Scene":
         """What there is to see."""
-        return replace(self.picture.scene(), horizon=HORIZON)
+        return self.picture.scene()
 
     def finish(self) -> None:
         """Write the log of the drive, if anything was driven."""

@@ -100,5 +100,6 @@ def _instant(run: "Run", k: int, time: float) -> Instant:
         honest = np.where(np.isfinite(honest), honest, np.nan)
         if first[0].bound is not None:
             pose_bound = float(np.sqrt(np.trace(first[0].bound[k, :2, :2])))
-    excitation = least_excitation(log.samples, 0, slice(k, k + 1))
+    moved, now = log.samples, np.s_[0, k : k + 1]
+    excitation = least_excitation(moved.odometry[now], moved.image[now], moved.seen[now])
     return Instant(time, depth, position, heading, honest, excitation, bound, pose_bound)
