@@ -72,10 +72,15 @@ def replay(
         tuple[float, float, float] | None,
         typer.Option(metavar="X Y DEG", help="[m, m, deg] Added to the true pose for the first guess."),
     ] = None,
+    limit: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME=VALUE", help="What is refused in a recording, as gap=120 [s]; may be given again."),
+    ] = None,
     rerun: Rerun = None,
 ) -> None:
     """Run estimators on a recorded log and score them: replay.json and figures."""
     with _plain_errors(), _progress() as tell:
+        from relloc_env.logs import Limits
         from relloc_env.replay import replay as run
 
         pose_error = None
@@ -92,6 +97,7 @@ def replay(
             initial_depth=initial_depth,
             initial_depth_error=initial_depth_error,
             initial_pose_error=pose_error,
+            limits=Limits.of(limit or ()),
             out=out,
             progress=tell,
         )

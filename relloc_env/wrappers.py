@@ -14,6 +14,7 @@ from relloc_env.envs.information import Information
 from relloc_env.envs.observation import observe, slices
 from relloc_env.envs.onboard import Onboard
 from relloc_env.envs.spaces import joint_slices, joint_space
+from relloc_env.estimators.checks import check_finite, check_finite_prior
 from relloc_env.estimators.own import is_estimator
 from relloc_env.kernels.lanes import width_of
 from relloc_env.logs.episode import LogWriter
@@ -81,6 +82,7 @@ class EstimateObservation(gym.Wrapper[Any, Any, Any, Any]):
         prior = Prior(
             told["prior/depth"][None], told["prior/pose"][None], float(told["prior/depth_sd"]), told["prior/pose_sd"]
         )
+        check_finite_prior(prior, _ROW)
         self._onboard.reset(prior, self._first, _ROW)
         return self._show(observation, started=True), info
 
@@ -106,6 +108,7 @@ class EstimateObservation(gym.Wrapper[Any, Any, Any, Any]):
             if own.size:
                 arrived = line[self._bare["arrived"]].reshape(k, own.size, window) > 0.5
                 samples.arrived[0][:, own] = (arrived * ages).sum(axis=2, dtype=np.uint64)
+        check_finite(samples, _ROW)  # other wrappers may have changed what the environment shows
 
     def _show(self, observation: Float32, *, started: bool) -> Float32:
         """The composed observation: the bare one's fields as they are, and the estimator's."""

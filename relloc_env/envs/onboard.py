@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from relloc_env.config import ConfigError, EnvConfig
+from relloc_env.estimators.checks import trust
 from relloc_env.estimators.config import AnyConfig, MapAlignmentConfig, OwnConfig
 from relloc_env.estimators.own import check_estimator, check_refreshed
 from relloc_env.estimators.protocol import Estimator
@@ -220,6 +221,7 @@ class Onboard(Sharing):
         self._own = estimator is not None or isinstance(config.estimator, OwnConfig)
         if estimator is None and config.estimator is not None:
             estimator = make(informed(config), n, r, m, message_window=window)
+            trust(estimator)
         elif estimator is not None:
             check_estimator(estimator, n, r, m)
         self.estimator, self.bare = estimator, estimator is None

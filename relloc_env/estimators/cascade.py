@@ -5,7 +5,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from relloc_env.estimators.checks import check_array, check_prior, check_samples
+from relloc_env.estimators.checks import (
+    check_array,
+    check_finite,
+    check_finite_prior,
+    check_prior,
+    check_rows,
+    check_samples,
+)
 from relloc_env.estimators.config import CascadeConfig
 from relloc_env.kernels import anchors, depth_state, pose_filter, relative_pose
 from relloc_env.kernels import cascade as kernels
@@ -31,6 +38,9 @@ class Cascade(Sharing):
         config: options.
         message_window: [samples] 1 + the greatest age at which a message may arrive, at most 64.
     """
+
+    trusted = False
+    """Whether samples and priors are known to be finite, as the simulator's are: they are not looked through then."""
 
     def __init__(
         self, num_envs: int, robots: int, points: int, config: CascadeConfig, *, message_window: int = 1
@@ -98,6 +108,9 @@ class Cascade(Sharing):
     def reset(self, prior: Prior, rows: Rows) -> None:
         """Forget everything about the environments `rows`, gains apart, and start from `prior`."""
         check_prior(prior, *self._estimate.known.shape)
+        if not self.trusted:
+            check_rows(rows, len(self._state.sample))
+            check_finite_prior(prior, rows)
         told = (prior.depth, prior.pose, prior.pose_sd)
         status = kernels.reset(told, float(prior.depth_sd), self._state, self._ring, rows)
         if status:
@@ -110,6 +123,9 @@ class Cascade(Sharing):
             check_samples(samples, *self._estimate.known.shape)
             self._checked = samples
             self._handle = kernels.hold(self._state, self._setup, self._estimate, samples)
+        if not self.trusted:
+            check_rows(rows, len(self._state.sample))
+            check_finite(samples, rows)
         status = kernels.update(self._handle, self._ring, rows)
         if status:
             self._raise(status)

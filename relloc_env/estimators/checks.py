@@ -40,6 +40,46 @@ def check_samples(samples: Samples, num_envs: int, robots: int, points: int) -> 
     check_array("samples.arrived", samples.arrived, np.uint64, (n, k, robots * (robots - 1)))
 
 
+def check_finite(samples: Samples, rows: Rows) -> None:
+    """Raise at the first sample of `rows` that holds what is no number; coordinates of points not seen may be anything.
+
+    Estimators call this themselves, and drivers of estimators for the samples that they read from elsewhere. The
+    simulator's are finite as they are made: see `trust`.
+    """
+    image = np.isfinite(samples.image[rows]) | ~samples.seen[rows][..., None]
+    image[..., 1] |= np.isnan(samples.image[rows][..., 1])  # a bearing without a height
+    period = np.isfinite(samples.period[rows]) & (samples.period[rows] >= 0.0)
+    for name, good in (("period", period), ("odometry", np.isfinite(samples.odometry[rows])), ("image", image)):
+        if not good.all():
+            n, k, *rest = (int(i) for i in np.argwhere(~good)[0])
+            where = f" of robot {rest[0]}" if rest else ""
+            where += f" and point {rest[1]}" if name == "image" else ""
+            value = getattr(samples, name)[(rows[n], k, *rest)]
+            must = "finite and not negative" if name == "period" else "finite"
+            raise ValueError(
+                f"Argument `samples.{name}` must be {must}, but is {value} in sample {k} (from 0) of environment "
+                f"{rows[n]}{where}."
+            )
+
+
+def trust(estimator: Any) -> None:
+    """Have an estimator of this package take samples and priors as they are, since they are known to be finite."""
+    if hasattr(estimator, "trusted"):
+        estimator.trusted = True
+
+
+def check_finite_prior(prior: Prior, rows: Rows) -> None:
+    """Raise where a prior of `rows` holds what is no number, or no depth."""
+    depth, pose = prior.depth[rows], prior.pose[rows]
+    if not (np.isfinite(depth) & (depth > 0.0)).all():
+        raise ValueError(f"Argument `prior.depth` must be finite and positive, but is {depth.tolist()}.")
+    if not np.isfinite(pose).all() or not np.isfinite([prior.depth_sd, *prior.pose_sd]).all():
+        raise ValueError(
+            "Arguments `prior.pose`, `prior.depth_sd` and `prior.pose_sd` must be finite, "
+            f"but are {pose.tolist()}, {prior.depth_sd} and {np.asarray(prior.pose_sd).tolist()}."
+        )
+
+
 def check_rows(rows: Rows, num_envs: int) -> None:
     """Raise where `rows` are not indices of environments."""
     if rows.dtype != np.int64 or rows.ndim != 1:

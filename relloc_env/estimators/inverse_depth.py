@@ -5,7 +5,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from relloc_env.estimators.checks import check_prior, check_rows, check_samples, put_state
+from relloc_env.estimators.checks import (
+    check_finite,
+    check_finite_prior,
+    check_prior,
+    check_rows,
+    check_samples,
+    put_state,
+)
 from relloc_env.estimators.config import LEAST_IMAGE_NOISE, InverseDepthConfig
 from relloc_env.kernels import anchors, pose_filter, relative_pose
 from relloc_env.kernels.inverse_depth import Filters, Setup, show, take_samples
@@ -25,6 +32,9 @@ class InverseDepth:
         config: options.
         message_window: [samples] 1 + the greatest age of a message, at most 64.
     """
+
+    trusted = False
+    """Whether samples and priors are known to be finite, as the simulator's are: they are not looked through then."""
 
     def __init__(
         self, num_envs: int, robots: int, points: int, config: InverseDepthConfig, *, message_window: int = 1
@@ -78,6 +88,8 @@ class InverseDepth:
         """Forget everything about the environments `rows` and start from `prior`."""
         check_prior(prior, *self._shape)
         check_rows(rows, self._shape[0])
+        if not self.trusted:
+            check_finite_prior(prior, rows)
         for array in (*self._filters, *self._ring):
             array[rows] = 0
         filters = self._filters
@@ -92,6 +104,8 @@ class InverseDepth:
         """Take the K samples in, in order."""
         check_samples(samples, *self._shape)
         check_rows(rows, self._shape[0])
+        if not self.trusted:
+            check_finite(samples, rows)
         if not self._filters.depth_sd[rows].all():
             raise RuntimeError("The estimator must be reset before it is updated: some of `rows` never were.")
         in_time = take_samples(samples, self._setup, self._filters, self._ring, self._estimate, rows)

@@ -7,7 +7,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from relloc_env.estimators.checks import check_prior, check_rows, check_samples, put_state
+from relloc_env.estimators.checks import (
+    check_finite,
+    check_finite_prior,
+    check_prior,
+    check_rows,
+    check_samples,
+    put_state,
+)
 from relloc_env.estimators.config import LEAST_IMAGE_NOISE, MapAlignmentConfig
 from relloc_env.kernels.local_map import CALIBRATION
 from relloc_env.kernels.map_alignment import scratch, take_samples
@@ -25,6 +32,9 @@ CHALLENGERS = 6
 
 class MapAlignment:
     """Local joint maps, aligned anew each time (docs/equations.md, section 7). See `estimators.protocol.Estimator`."""
+
+    trusted = False
+    """Whether samples and priors are known to be finite, as the simulator's are: they are not looked through then."""
 
     def __init__(
         self, num_envs: int, robots: int, points: int, config: MapAlignmentConfig, *, message_window: int = 1
@@ -95,6 +105,8 @@ class MapAlignment:
         """Forget everything about the environments `rows` and start from `prior`."""
         check_prior(prior, *self._shape)
         check_rows(rows, self._shape[0])
+        if not self.trusted:
+            check_finite_prior(prior, rows)
         for array in (*self._maps, *self._pairs):
             array[rows] = 0
         maps, pairs = self._maps, self._pairs
@@ -120,6 +132,8 @@ class MapAlignment:
             check_samples(samples, *self._shape)
             self._checked = samples
         check_rows(rows, self._shape[0])
+        if not self.trusted:
+            check_finite(samples, rows)
         if not self._maps.depth_sd[rows].all():
             raise RuntimeError("The estimator must be reset before it is updated: some of `rows` never were.")
         problem, starts, nodes, work = scratch(self._maps.depth.shape[2], self._maps.state.shape[3])

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +38,20 @@ class Limits:
             value = getattr(self, field.name)
             if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 < value < math.inf:
                 raise ValueError(f"Argument `limits.{field.name}` must be a positive number, but is {value!r}")
+
+    @classmethod
+    def of(cls, words: Sequence[str]) -> Self:
+        """Return the limits with those of `NAME=VALUE` in the place of the defaults."""
+        known, found = [field.name for field in fields(cls)], {}
+        for word in words:
+            name, _, value = word.partition("=")
+            if name not in known:
+                raise ValueError(f"Argument `limit` must be one of {', '.join(known)}, as gap=120, but is {word!r}")
+            try:
+                found[name] = float(value)
+            except ValueError:
+                raise ValueError(f"Argument `limit` must be a name and a number, as gap=120, but is {word!r}") from None
+        return cls(**found)
 
 
 LIMITS = Limits()

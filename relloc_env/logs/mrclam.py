@@ -251,7 +251,7 @@ def read_mrclam(path: str | Path, robots: Sequence[int] | None = None, limits: L
     warnings = barcodes.warnings + marks.warnings
     tables = {number: read_robot(folder, number, subjects, index, limits) for number in wanted}
     first = [float(table.odometry[0, 0]) for table in tables.values()]
-    for number in set(found) - set(wanted):
+    for number in sorted(set(found) - set(wanted)):
         try:
             first.append(float(robot_table(folder, number, "Odometry", limits)["time"][0]))
         except LogError as error:

@@ -37,7 +37,7 @@ class RobotTables:
 
 def numbers_of(folder: Path) -> list[int]:
     """Return the numbers of the robots of a folder, whichever of their files there are."""
-    name = re.compile(r"Robot(\d{1,9})_(?:Odometry|Measurement)\.dat(?:\.gz)?")
+    name = re.compile(r"Robot(\d{1,9})_(?:Odometry|Measurement|Groundtruth)\.dat(?:\.gz)?")
     found = (name.fullmatch(path.name) for path in folder.glob("Robot*_*.dat*"))
     return sorted({int(match.group(1)) for match in found if match is not None})
 

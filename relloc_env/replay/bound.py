@@ -18,12 +18,12 @@ NEEDS = (
 
 
 def bound_of(log: Log) -> TrajectoryBound | None:
-    """Bound along the truth of a simulated log, with the log's own priors; None where its noise is not stated.
+    """Bound along the truth of a simulated log, with the log's own priors; None where noise or truth are not known.
 
     Camera heights and the scales of the odometry count as known, and every image of every robot as told at once.
     """
     config, truth = environment_of(log), log.truth
-    if config is None or truth is None:
+    if config is None or truth is None or not (np.isfinite(truth.poses).all() and np.isfinite(truth.points).all()):
         return None
     known, period = pack_known(config), log.samples.period[0]
     poses = truth.poses.copy()

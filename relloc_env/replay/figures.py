@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from relloc_env.files import whole
 from relloc_env.rendering.geometry import ellipse
 from relloc_env.replay import scores
 from relloc_env.samples import Float
@@ -53,7 +54,8 @@ def _figure(width: float, height: float) -> "Figure":
 
 
 def _save(figure: "Figure", path: Path) -> Path:
-    figure.savefig(path, dpi=110)
+    with whole(path) as partial:
+        figure.savefig(partial, dpi=110)
     return path
 
 

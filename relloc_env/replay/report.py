@@ -46,7 +46,8 @@ def table(data: Mapping[str, Any]) -> tuple[list[str], list[list[str]]]:
 def notes(data: Mapping[str, Any]) -> list[str]:
     """What the rows mean, for beside the table."""
     parts, needed = list(data["estimators"].values()), data["estimate_exists_below"]
-    words = [
+    words = [f"Warning: {words}." for words in data["warnings"]]
+    words += [
         "Errors are medians over tracks, and over seconds with an estimate. In brackets: how many tracks.",
         f"Sure: at the end of the track, to a claimed standard deviation of {data['depth_sure_below_sd_m']} m.",
     ]

@@ -2,21 +2,26 @@
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from relloc_env.config import ConfigError
 from relloc_env.estimators import OwnConfig, make
+from relloc_env.estimators.checks import check_finite, check_finite_prior, trust
 from relloc_env.estimators.registry import Factory
-from relloc_env.logs import Log, LogError, read_log, read_mrclam, read_starloc
+from relloc_env.files import whole, write_whole
+from relloc_env.logs import Limits, Log, LogError
+from relloc_env.logs.checks import LIMITS
 from relloc_env.logs.episode import HEADER
-from relloc_env.logs.starloc import DETECTIONS
+from relloc_env.logs.text import stored
 from relloc_env.metrics import TrajectoryBound
 from relloc_env.replay import report, scores
 from relloc_env.replay.bound import BOUND, NEEDS, bound_of
-from relloc_env.replay.settings import Config, configure
+from relloc_env.replay.opening import open_logs
+from relloc_env.replay.settings import Config, configure, unfit
 from relloc_env.samples import ordered_pairs
 
 Progress = Callable[[str, float], None]
@@ -65,6 +70,8 @@ class ReplayResult:
     options: dict[str, Any]
     runs: dict[str, list[Run]]
     """Per estimator's name, one run per log."""
+    warnings: tuple[str, ...] = ()
+    """What is odd about the logs and the choice of estimators, in words."""
 
     @property
     def bounded(self) -> bool:
@@ -80,6 +87,7 @@ class ReplayResult:
             "kind": some[0].log.kind,
             "velocity": some[0].log.velocity,
             "options": self.options,
+            "warnings": list(self.warnings),
             "nees_band_95": list(scores.NEES_BAND),
             "nees_median_expected": scores.NEES_MEDIAN,
             "whitened_error_band_95": list(scores.RATIO_BAND),
@@ -115,7 +123,7 @@ class ReplayResult:
         folder = Path(out)
         folder.mkdir(parents=True, exist_ok=True)
         results = folder / "replay.json"
-        results.write_text(json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n", encoding="utf-8")
+        write_whole(results, json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n")
         arrays: dict[str, Any] = {}
         for name, runs in self.runs.items():
             for i, run in enumerate(runs):
@@ -129,7 +137,8 @@ class ReplayResult:
                         arrays[f"{name}/{i}/bound_{p}"] = errors.bound.astype(np.float32)
                         arrays[f"{name}/{i}/whitened_error_{p}"] = errors.ratio.astype(np.float32)
         series = folder / "replay.npz"
-        np.savez_compressed(series, **arrays)
+        with whole(series) as partial:
+            np.savez_compressed(partial, **arrays)
         from relloc_env.replay.figures import draw
 
         return [results, series, *draw(self, folder)]
@@ -154,7 +163,10 @@ def trace(log: Log, config: Config, progress: Callable[[float], None] | None = N
     )
     window = 1 + max(int(bits).bit_length() - 1 for bits in np.append(np.unique(log.samples.arrived), np.uint64(1)))
     estimator = make(config, 1, robots, points, message_window=window)
+    trust(estimator)
     rows = np.zeros(1, dtype=np.int64)
+    check_finite(log.samples, rows)
+    check_finite_prior(log.prior, rows)
     estimator.reset(log.prior, rows)
     for k, block in enumerate(log.blocks()):
         estimator.update(block, rows)
@@ -184,46 +196,6 @@ def run_estimator(
     return Run(log, name, config, kept, depth, scores.score_tracks(log, depth), poses)
 
 
-def open_logs(
-    path: str | Path,
-    *,
-    robots: Sequence[int] | None = None,
-    start: float | None = None,
-    stop: float | None = None,
-    velocity: str | None = None,
-) -> list[Log]:
-    """Open whatever log `path` holds: one run, or all pairs of robots of an MR.CLAM folder.
-
-    Args:
-        path: an MR.CLAM folder, a STAR-loc sequence, or a log of the project's own format.
-        robots: MR.CLAM: numbers of the robots of one run; default: all pairs.
-        start, stop: [s] part of the log.
-        velocity: "commands" or "mocap"; MR.CLAM has both (default "commands"), STAR-loc the second alone.
-    """
-    folder = Path(path)
-    if not folder.is_dir():
-        raise LogError(folder, "must be the folder of a log" if folder.exists() else "folder not found")
-    if any(folder.glob("Robot*_Odometry.dat")):
-        chosen = "commands" if velocity is None else velocity
-        data = read_mrclam(folder, robots)
-        groups = data.pairs() if robots is None else [tuple(robots)]
-        return [data.log(group, velocity=chosen, start=start, stop=stop) for group in groups]  # type: ignore[arg-type]
-    if (folder / DETECTIONS).exists():
-        log, has = read_starloc(folder), "mocap"
-    elif (folder / HEADER).exists():
-        log, has = read_log(folder), None
-    else:
-        raise LogError(
-            folder, f"holds no log: no RobotN_Odometry.dat (MR.CLAM), no {DETECTIONS} (STAR-loc), no {HEADER}"
-        )
-    if robots is not None:
-        raise ValueError(f"Argument `robots` must be left out for {folder}: its robots are {', '.join(log.robots)}")
-    if velocity not in (None, has):
-        only = "has the velocities that were recorded" if has is None else f'has velocity "{has}" alone'
-        raise ValueError(f"Argument `velocity` must be left out: {folder} {only}")
-    return [log if start is None and stop is None else log.cut(start, stop)]
-
-
 def replay(
     path: str | Path,
     *,
@@ -236,13 +208,14 @@ def replay(
     initial_depth: tuple[float, float] | None = None,
     initial_depth_error: float | None = None,
     initial_pose_error: tuple[float, float, float] | None = None,
+    limits: Limits = LIMITS,
     out: str | Path | None = None,
     progress: Progress | None = None,
 ) -> ReplayResult:
     """Run estimators on a recorded log as a source of the same observations, and score them.
 
     Args:
-        path, robots, start, stop, velocity: see `open_logs`.
+        path, robots, start, stop, velocity, limits: see `open_logs`.
         estimator: one or several names, a configuration, or your own (`relloc_env.estimators.OwnConfig`); default: the
             best of the project's on this kind of log and the paper's cascade beside it.
         pose_model: "position", "velocity" or "printed": observation model of the cascade's pose filter.
@@ -257,7 +230,7 @@ def replay(
         LogError: what is wrong with the files, naming file and line.
         ValueError: what is wrong with the arguments.
     """
-    logs = open_logs(path, robots=robots, start=start, stop=stop, velocity=velocity)
+    logs = open_logs(path, robots=robots, start=start, stop=stop, velocity=velocity, limits=limits)
     if initial_pose_error is not None and len(logs[0].robots) == 1:
         raise ValueError("Argument `initial_pose_error` must be left out for a log of one robot")
     if initial_depth is not None:
@@ -272,7 +245,12 @@ def replay(
         several = ["cascade-critical", "cascade"] if len(logs[0].robots) == 1 else ["map-alignment", "cascade"]
         estimator = ["cascade"] if pose_model is not None else several
     chosen: list[Any] = list(estimator) if isinstance(estimator, list | tuple) else [estimator]
-    bounds = [bound_of(log) for log in logs]
+    try:
+        bounds = [bound_of(log) for log in logs]
+    except ConfigError as error:
+        raise LogError(stored(Path(path) / HEADER), f"`configuration` must be an environment's, but: {error}") from None
+    odd = [unfit(logs[0], each) for each in chosen]
+    warnings = [*(words for log in logs for words in log.warnings), *(words for words in odd if words is not None)]
     runs: dict[str, list[Run]] = {}
     total, done = len(chosen) * len(logs), 0
     for each in chosen:
@@ -296,9 +274,10 @@ def replay(
         "pose_model": pose_model,
         "initial_depth_m": None if initial_depth is None else list(initial_depth),
         "initial_depth_error_m": initial_depth_error,
+        "limits": asdict(limits),
         "initial_pose_error": None if initial_pose_error is None else list(initial_pose_error),
     }
-    result = ReplayResult(Path(path), options, runs)
+    result = ReplayResult(Path(path), options, runs, tuple(dict.fromkeys(warnings)))
     if out is not None:
         result.save(out)
     return result

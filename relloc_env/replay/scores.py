@@ -76,7 +76,9 @@ def score_tracks(log: Log, errors: DepthErrors) -> list[dict[str, Any]]:
                 continue
             error = errors.error[at, r, m]
             goal = max(SETTLED * abs(float(error[0])), 1e-9)
-            settled = float(convergence_time(time[at] - time[at[0]], error, goal))
+            since = time[at] - time[at[0]]
+            last = np.append(np.diff(since) > 0.0, True)  # of those with one time stamp
+            settled = float(convergence_time(since[last], error[last], goal))
             sensed = errors.against_sensor[at, r, m]
             tracks.append(
                 {
@@ -248,9 +250,9 @@ def bound_by_second(time: Float, errors: PoseErrors) -> dict[str, Any] | None:
     sd = np.sqrt(np.diagonal(errors.bound[at], axis1=1, axis2=2))
     return {
         "time_s": time[at].round(6).tolist(),
-        "sd_x_m": sd[:, 0].tolist(),
-        "sd_y_m": sd[:, 1].tolist(),
-        "sd_heading_deg": np.degrees(sd[:, 2]).tolist(),
+        "sd_x_m": [_or_none(value) for value in sd[:, 0]],
+        "sd_y_m": [_or_none(value) for value in sd[:, 1]],
+        "sd_heading_deg": [_or_none(value) for value in np.degrees(sd[:, 2])],
     }
 
 

@@ -46,22 +46,36 @@ def environment_of(log: Log) -> EnvConfig | None:
     return load_config(stated) if made_here else None
 
 
+def meant_for(estimator: object) -> str | None:
+    """Return the velocities that a named estimator's figures are for; None where its name does not say."""
+    last = estimator.rpartition("-")[2] if isinstance(estimator, str) and estimator in PRESETS else ""
+    return last if last in ("commands", "mocap") else None
+
+
+def unfit(log: Log, estimator: object) -> str | None:
+    """Return what is said where an estimator's figures are for other velocities than the log has."""
+    meant = meant_for(estimator)
+    if meant in (None, log.velocity):
+        return None
+    return f'{estimator} is for velocities of the kind "{meant}", but the log has "{log.velocity}": it ran as asked'
+
+
 def configure(log: Log, estimator: str | Config | Mapping[str, Any] | Factory, pose_model: str | None = None) -> Config:
     """Return the configuration of an estimator for a log.
 
     Args:
-        log: its kind and velocities decide the noise figures; a simulated one states them in its configuration.
+        log: its kind and velocities decide the noise figures; a simulated one states them in its configuration. A name
+            that says which velocities it is for keeps its own.
         estimator: a name, which takes on the log's figures; a configuration or a mapping is taken as it is.
         pose_model: observation model of the cascade's pose filter; default as configured.
     """
     config = resolve(estimator)
-    environment = environment_of(log)
+    environment, meant = environment_of(log), meant_for(estimator)
     if isinstance(estimator, str) and environment is not None:
         config = informed(environment, config)
     elif isinstance(estimator, str):
-        config = type(config)(
-            **{**config.model_dump(), **_TABLES.get(config.kind, {}).get((log.kind, log.velocity), {})}
-        )
+        key = (log.kind, meant or log.velocity)
+        config = type(config)(**{**config.model_dump(), **_TABLES.get(config.kind, {}).get(key, {})})
     if pose_model is not None:
         if not isinstance(config, CascadeConfig):
             raise ValueError(f"Argument `pose_model` must be left out for {config.kind}: it has one model of the pose")
