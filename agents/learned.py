@@ -169,7 +169,7 @@ def trained_with(name: str) -> tuple[int, str]:
     except (LookupError, TypeError, ValueError) as error:
         raise ValueError(f"The card of {name} must say what the policy was trained with, but: {error!r}") from None
     kind = "cascade-critical" if stated.get("damping") == "critical" else stated.get("kind")
-    return robots, kind if kind in PRESETS else "map-alignment"  # of the user's own it may be, or anything
+    return robots, str(kind) if kind in PRESETS else "map-alignment"  # of the user's own it may be, or anything
 
 
 def _onnx(task: Task, path: Path) -> Acting:

@@ -18,8 +18,8 @@ from relloc_env.samples import Bool, Rows, Sharing
 if TYPE_CHECKING:
     from relloc_env.envs.core import Core
 
-Source = Callable[["Core"], NDArray[Any] | None]
-"""The live array (N, ...) of an entry, or None where the configuration has no such thing."""
+Source = Callable[[Any], NDArray[Any] | None]
+"""Takes a `Core`: the live array (N, ...) of an entry, or None where the configuration has no such thing."""
 
 SOURCES: dict[str, Source] = {
     "truth/poses": lambda core: core.simulation.world.pose,

@@ -39,7 +39,7 @@ def whole(tmp_path_factory):
 def _without(path: Path, name: str) -> None:
     with np.load(path) as file:
         arrays = {key: file[key] for key in file if key not in (name, CHECKSUM)}
-    np.savez_compressed(path, **arrays, **{CHECKSUM: np.array(_checksum(arrays))})
+    np.savez_compressed(path, **{**arrays, CHECKSUM: np.array(_checksum(arrays))})
 
 
 def _with(path: Path, name: str, value: object, *, checksum: bool) -> None:
@@ -121,6 +121,7 @@ def test_two_do_not_work_on_one_folder(tmp_path):
     with subprocess.Popen(
         [sys.executable, "-c", code, str(tmp_path)], cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE
     ) as other:
+        assert other.stdout is not None
         assert other.stdout.readline() == b"has it\n"
         with pytest.raises(ValueError, match="is in use: wait"):
             benchmark(TINY, tmp_path, cores=1)
