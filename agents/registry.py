@@ -12,7 +12,7 @@ from agents.learned import PREFIX, learned, options
 from agents.planned import OpenLoop, Planner
 from agents.policy import Policy, Task
 from relloc_env.places import UntrustedError, load
-from relloc_env.quoting import quote
+from relloc_env.quoting import quote, word
 
 
 def _script(law: scripted.Law) -> Callable[[Task], Policy]:
@@ -70,7 +70,7 @@ def agent(name: str) -> Callable[[Task], Policy]:
             hint = f": say `{name}:` and the name of the class in it, as in `{name}:MyAgent`"
         elif name.endswith(".zip"):
             hint = f": say `{PREFIX}{name}` for a policy that Stable-Baselines3 saved"
-        raise ValueError(f"Unknown agent `{name}`{hint}; known: {', '.join(known)}")
+        raise ValueError(f"Unknown agent `{word(name)}`{hint}; known: {', '.join(known)}")
     return known[name]
 
 
