@@ -40,7 +40,7 @@ def whole(tmp_path_factory):
 def _without(path: Path, name: str) -> None:
     with np.load(path) as file:
         arrays: dict[str, Any] = {key: file[key] for key in file if key not in (name, CHECKSUM)}
-    np.savez_compressed(path, **arrays, **{CHECKSUM: np.array(_checksum(arrays))})
+    np.savez_compressed(path, **arrays, **{CHECKSUM: np.array(_checksum(arrays))})  # type: ignore[arg-type]
 
 
 def _with(path: Path, name: str, value: object, *, checksum: bool) -> None:

@@ -1,5 +1,6 @@
 """A stranger's files: opening them runs nothing, unless one says so."""
 
+import contextlib
 import hashlib
 import json
 import pickle
@@ -23,9 +24,11 @@ from agents.learned import POLICIES, trained_with
 from agents.policy import Task
 from agents.registry import agent
 from agents.results import ASKED
+from relloc_env.__main__ import app as relloc_env
 from relloc_env.config import load_config, read_file
 from relloc_env.envs.centralised import RellocEnv
 from relloc_env.places import UntrustedError, load
+from relloc_env.wrappers import RecordLog
 from train import checkpoints, plain
 from train.__main__ import app as train
 from train.config import TrainConfig
@@ -176,6 +179,24 @@ def test_a_checkpoint_of_objects_is_not_written(tmp_path):
 
 
 @pytest.mark.parametrize("name", [SCRIPTS, DONE, EVALUATION, CHECKPOINT])
+def test_a_replay_runs_nothing_that_its_log_names(evil, tmp_path):
+    name, mark = evil
+    with contextlib.closing(RecordLog(RellocEnv(max_cycles=4, estimator="cascade"), tmp_path / "logs")) as env:
+        env.reset(seed=3)
+        for _ in range(4):
+            env.step(np.array([1.0, 0.1, 1.0, -0.1], np.float32))
+    header = next((tmp_path / "logs").glob("*/*.json"))
+    data = json.loads(header.read_text("utf-8"))
+    data["configuration"]["estimator"] = {"kind": "own", "factory": name}
+    data["configuration"]["camera"] = [
+        {**each, "image": {"detector": name}} for each in data["configuration"]["camera"]
+    ]
+    header.write_text(json.dumps(data), "utf-8")
+    told = call(relloc_env, "replay", header.parent, "--estimator", "cascade", "--out", tmp_path / "replay")
+    assert told.exit_code == 0, told.output
+    assert not mark.exists()
+
+
 @pytest.mark.parametrize("text", ["", "[]", "nothing\n", "[" * 100_000 + "\n"])
 def test_damaged_files_of_a_run_are_one_line_or_made_again(name, text, trained, tmp_path):
     out = tmp_path / "run"
