@@ -1,7 +1,7 @@
 """Trained policies: those that ship, by name; ONNX files with a card; and files of Stable-Baselines3.
 
 An ONNX file is run by onnxruntime: no torch, and no code but its own few operations. A `.zip` of Stable-Baselines3 is
-pickled Python, which runs whatever is in it.
+pickled Python, which runs whatever is in it (SECURITY.md).
 """
 
 import hashlib
@@ -17,7 +17,7 @@ from agents.policy import Task
 from relloc_env.config import hint
 from relloc_env.estimators import PRESETS
 from relloc_env.files import read_json
-from relloc_env.quoting import quote
+from relloc_env.quoting import quote, word
 from relloc_env.samples import Bool, Float, Float32
 
 PREFIX = "learned:"
@@ -90,7 +90,8 @@ def place(name: str) -> Path:
     known = shipped()
     if name not in known:
         raise ValueError(
-            f"Unknown policy `{name}`{hint(name, known)}; known: {', '.join(known)}; or a path to an .onnx or .zip file"
+            f"Unknown policy `{word(name)}`{hint(name, known)}; known: {', '.join(known)}; "
+            "or a path to an .onnx or .zip file"
         )
     return POLICIES / f"{name}.onnx"
 
@@ -169,7 +170,7 @@ def trained_with(name: str) -> tuple[int, str]:
     except (LookupError, TypeError, ValueError) as error:
         raise ValueError(f"The card of {name} must say what the policy was trained with, but: {error!r}") from None
     kind = "cascade-critical" if stated.get("damping") == "critical" else stated.get("kind")
-    return robots, str(kind) if kind in PRESETS else "map-alignment"  # of the user's own it may be, or anything
+    return robots, str(kind) if kind in list(PRESETS) else "map-alignment"  # of the user's own it may be, or anything
 
 
 def _onnx(task: Task, path: Path) -> Acting:

@@ -12,7 +12,7 @@ from agents.learned import PREFIX, learned, options, shipped
 from agents.planned import OpenLoop, Planner
 from agents.policy import Policy, Task
 from relloc_env.places import UntrustedError, load
-from relloc_env.quoting import quote
+from relloc_env.quoting import quote, word
 
 
 def _script(law: scripted.Law) -> Callable[[Task], Policy]:
@@ -72,7 +72,7 @@ def agent(name: str) -> Callable[[Task], Policy]:
             hint = f": say `{PREFIX}{name}` for a policy that Stable-Baselines3 saved"
         ships = ", ".join(f"{PREFIX}{policy}" for policy in shipped())
         ways = f"{', '.join(known)}, {ships}; or `{PREFIX}` and a file, .onnx or .zip, or `FILE.py:NAME`"
-        raise ValueError(f"Unknown agent `{name}`{hint}; known: {ways}")
+        raise ValueError(f"Unknown agent `{word(name)}`{hint}; known: {ways}")
     return known[name]
 
 

@@ -19,6 +19,11 @@ def quote(value: Any) -> str:
         return f"<{type(value).__name__}>"
 
 
+def word(value: Any) -> str:
+    """Return a name as it is, cut where it is long, and anything else as `quote` does."""
+    return cut(value) if isinstance(value, str) else quote(value)
+
+
 def cut(text: str, longest: int = LONGEST) -> str:
     """Return a text with its middle cut out where it is longer."""
     half = (longest - 3) // 2

@@ -7,6 +7,7 @@ from types import MappingProxyType
 from typing import Any
 
 from relloc_env.config import ConfigError, hint
+from relloc_env.quoting import word
 
 _PAPER: dict[str, Any] = {
     "arena": None,
@@ -49,7 +50,7 @@ def scenario(name: str) -> dict[str, Any]:
     """Return the options of a named scenario."""
     if not isinstance(name, str) or name not in SCENARIOS:
         raise ConfigError(
-            f"Unknown scenario `{name}`{hint(str(name), tuple(SCENARIOS))}; known: {', '.join(SCENARIOS)}"
+            f"Unknown scenario `{word(name)}`{hint(word(name), tuple(SCENARIOS))}; known: {', '.join(SCENARIOS)}"
         )
     return SCENARIOS[name]
 
@@ -124,14 +125,16 @@ SEEDS: Mapping[str, range] = MappingProxyType(
 def suite(name: str) -> Suite:
     """Return a suite by its name."""
     if name not in SUITES:
-        raise ConfigError(f"Unknown suite `{name}`{hint(str(name), tuple(SUITES))}; known: {', '.join(SUITES)}")
+        raise ConfigError(f"Unknown suite `{word(name)}`{hint(word(name), tuple(SUITES))}; known: {', '.join(SUITES)}")
     return SUITES[name]
 
 
 def seeds(name: str, count: int) -> list[int]:
     """Return the first `count` seeds of a named set."""
     if name not in SEEDS:
-        raise ConfigError(f"Unknown set of seeds `{name}`{hint(str(name), tuple(SEEDS))}; known: {', '.join(SEEDS)}")
+        raise ConfigError(
+            f"Unknown set of seeds `{word(name)}`{hint(word(name), tuple(SEEDS))}; known: {', '.join(SEEDS)}"
+        )
     if not 1 <= count <= len(SEEDS[name]):
         raise ConfigError(f"Argument `count` must be from 1 to {len(SEEDS[name])} for `{name}`, but is {count}")
     return list(SEEDS[name][:count])

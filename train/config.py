@@ -17,7 +17,7 @@ from relloc_env.config import ConfigError, EnvConfig, hint, load_config, overrid
 from relloc_env.config.base import Model, Positive
 from relloc_env.envs.variation import Choice, Stage, Variation
 from relloc_env.places import refuse_code
-from relloc_env.quoting import quote
+from relloc_env.quoting import quote, word
 from relloc_env.scenarios import suite
 
 CONFIGS = Path(__file__).parent / "configs"
@@ -357,7 +357,8 @@ def load(source: str | Path | Mapping[str, Any], overrides: Sequence[str] = (), 
         known = tuple(sorted(path.stem for path in CONFIGS.glob("*.yaml")))
         if str(source) not in known:
             raise ConfigError(
-                f"Unknown configuration `{source}`{hint(str(source), known)}; known: {', '.join(known)}, or a file"
+                f"Unknown configuration `{word(source)}`{hint(word(source), known)}; known: "
+                f"{', '.join(known)}, or a file"
             )
         data = {"name": str(source)} | read_file(CONFIGS / f"{source}.yaml")
     for text in overrides:

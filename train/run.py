@@ -215,7 +215,8 @@ class Run:
         self.model.policy.load_state_dict(self.best["policy"])
         normaliser = self.model.get_vec_normalize_env()
         if normaliser is not None:
-            normaliser.obs_rms = checkpoints.running(self.best["statistics"])  # type: ignore[assignment]
+            statistics: Any = checkpoints.running(self.best["statistics"])
+            normaliser.obs_rms = statistics
 
     def finish(self) -> Path:
         """Write the best policy: as Stable-Baselines3's files, as ONNX with its card, and as a film."""

@@ -24,6 +24,7 @@ class Part(NamedTuple):
 PAGES = {
     "changelog": Part("CHANGELOG.md"),
     "contributing": Part("CONTRIBUTING.md", stop="\n## Dependencies"),
+    "security": Part("SECURITY.md"),
     "dependencies": Part("CONTRIBUTING.md", start="\n## Dependencies"),
 }
 

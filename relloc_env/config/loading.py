@@ -134,7 +134,9 @@ def put(data: dict[str, Any], path: str, value: Any) -> None:
         inside = _in_full(part, data.get(part, {}))
         if not isinstance(inside, Mapping):
             place = ".".join(parents[: k + 1])
-            raise ConfigError(f"Argument `{place}` must be a mapping for `{path}` to be set, but is {quote(inside)}")
+            raise ConfigError(
+                f"Argument `{cut(place)}` must be a mapping for `{cut(path)}` to be set, but is {quote(inside)}"
+            )
         data[part] = dict(inside)
         data = data[part]
     data[last] = _under(last, data.get(last), value) if isinstance(value, str) else value
@@ -176,7 +178,7 @@ def override(data: dict[str, Any], text: str) -> None:
     try:
         found = parse(value)
     except (yaml.YAMLError, ValueError, RecursionError):
-        raise ConfigError(f"The value of `{path}` must be YAML, but is {quote(value)}") from None
+        raise ConfigError(f"The value of `{cut(path)}` must be YAML, but is {quote(value)}") from None
     put(data, path, found)
 
 

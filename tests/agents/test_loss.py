@@ -6,6 +6,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -38,7 +39,7 @@ def whole(tmp_path_factory):
 
 def _without(path: Path, name: str) -> None:
     with np.load(path) as file:
-        arrays = {key: file[key] for key in file if key not in (name, CHECKSUM)}
+        arrays: dict[str, Any] = {key: file[key] for key in file if key not in (name, CHECKSUM)}
     np.savez_compressed(path, **{**arrays, CHECKSUM: np.array(_checksum(arrays))})
 
 
