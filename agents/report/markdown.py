@@ -9,10 +9,10 @@ from scipy import stats
 
 from agents.report.columns import J_10, J_END, MADE, MOVED, TOLD, Column, shown
 from agents.report.summary import command
-from relloc_env.numerals import number
 from agents.results import Result, load, of
 from agents.statistics import mean_difference
 from relloc_env.config import TASKS
+from relloc_env.numerals import number
 
 REASONS = ("excitation", "information_end", "seen")
 """Scores of a motion that its errors are held against."""
