@@ -31,10 +31,10 @@ def demo(
     out: Annotated[Path, typer.Option(help="Folder for tables, figures, the animation and the results.")] = Path(
         "out/demo"
     ),
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the random scenario.")] = 4,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the first of the random scenes.")] = 4,
     log: Annotated[Path | None, typer.Option(help="Recorded log to replay, in place of those at hand.")] = None,
 ) -> None:
-    """Run the paper's experiment, a handful of motions on one scenario, and recorded robots where logs are at hand."""
+    """Run the paper's experiment, a handful of motions on random scenes, and recorded robots where logs are at hand."""
     try:
         from agents.demo import run
         from relloc_env.logs import LogError

@@ -14,11 +14,13 @@ from matplotlib.patches import PathPatch, Wedge
 from matplotlib.path import Path as Outline
 from PIL import Image, ImageDraw, ImageFont
 
+from agents.playing import POSE, quartiles
 from agents.rollout import Episode, Frame
 from relloc_env.config import EnvConfig
 from relloc_env.files import whole
 from relloc_env.rendering import robot_colour, target_colours
 from relloc_env.rendering.animation import save_animation
+from relloc_env.samples import Float
 
 STYLE: Any = {
     "font.size": 9.0,
@@ -41,9 +43,9 @@ LINES = ("#000000", "#E69F00", "#56B4E9", "#009E73", "#0072B2", "#D55E00", "#CC7
 """Okabe and Ito's colours, told apart by all."""
 PAPER_TIMES = (13.0, 25.0)
 """[s] after which the depths of robots A and B have converged in the paper's experiment."""
+Curves = dict[str, Float]
+"""What `playing.play` keeps over time."""
 
-SUCCESS = (0.05, 1.5)
-"""[m, deg] what counts as found."""
 HEADLINE = 30
 """[px] height of the line with a name."""
 PAGE = (250, 250, 248)
@@ -66,10 +68,13 @@ def paper_experiment(episode: Episode, config: EnvConfig, path: Path) -> None:
     """Paths, depth errors, and errors of the relative pose of the paper's experiment."""
     with mpl.rc_context(STYLE):
         figure = _figure(10.0, 6.4)
-        figure.suptitle("The paper's experiment: two robots find each other by two points", x=0.01, ha="left")
+        figure.suptitle(
+            "The paper's experiment, targets where its times come out: two robots find each other by two points",
+            x=0.01, ha="left",
+        )  # fmt: skip
         axes = figure.subplots(2, 2)
-        _map(axes[0, 0], episode, config)
-        axes[0, 0].set_title("Paths, first and last views")
+        _map(axes[0, 0], episode.poses, episode.points, config)
+        axes[0, 0].set_title("Paths (ring: start), views at both ends; targets 1, 2")
         _depths(axes[0, 1], episode)
         for j, (axis, unit, name) in enumerate(
             zip(axes[1], (1.0, 180.0 / np.pi), ("Position", "Heading"), strict=True)
@@ -79,7 +84,7 @@ def paper_experiment(episode: Episode, config: EnvConfig, path: Path) -> None:
             axis.set(
                 title=f"{name} of the other robot", xlabel="time [s]", ylabel=f"error [{'m' if j == 0 else 'deg'}]"
             )
-            axis.set_ylim(bottom=0.0)
+            axis.set(yscale="log", ylim=(0.01, 20.0) if j == 0 else (0.05, 200.0))
             axis.legend(loc="upper right")
         with whole(path) as partial:
             figure.savefig(partial, dpi=130)
@@ -101,11 +106,11 @@ def _depths(axis: Axes, episode: Episode) -> None:
     axis.legend(loc="center right")
 
 
-def _map(axis: Axes, episode: Episode, config: EnvConfig, *, reach: float = 1.6) -> None:
+def _map(axis: Axes, poses: Float, targets: Float, config: EnvConfig, *, reach: float = 1.6) -> None:
     """The world from above: walls, targets, paths with their views at the start and at the end."""
-    xy = np.concatenate([episode.poses[..., :2].reshape(-1, 2), episode.points[:, :2]])
-    for r in range(episode.poses.shape[1]):
-        colour, track = _colour(robot_colour(r)), episode.poses[:, r]
+    xy = np.concatenate([poses[..., :2].reshape(-1, 2), targets[:, :2]])
+    for r in range(poses.shape[1]):
+        colour, track = _colour(robot_colour(r)), poses[:, r]
         half = np.degrees(config.camera_of(r).half_view)
         for k, alpha in ((0, 0.12), (-1, 0.3)):
             x, y, angle = track[k]
@@ -116,8 +121,18 @@ def _map(axis: Axes, episode: Episode, config: EnvConfig, *, reach: float = 1.6)
         axis.plot(track[:, 0], track[:, 1], color=colour, lw=1.4, solid_joinstyle="round")
         axis.plot(*track[0, :2], "o", color="white", mec=colour, mew=1.4, ms=5.0, zorder=3)
         axis.plot(*track[-1, :2], "o", color=colour, ms=5.5, zorder=3)
-    for (x, y, _), rgb in zip(episode.points, target_colours(len(episode.points)), strict=True):
+        axis.annotate(
+            "AB"[r],
+            (track[0, 0], track[0, 1]),
+            xytext=(-9, -9),
+            textcoords="offset points",
+            color=colour,
+            weight="bold",
+            fontsize=8.0,
+        )
+    for i, ((x, y, _), rgb) in enumerate(zip(targets, target_colours(len(targets)), strict=True)):
         axis.plot(x, y, "*", color=_colour(rgb), mec="white", mew=0.6, ms=13.0, zorder=4)
+        axis.annotate(f"{i + 1}", (x, y), xytext=(6, 5), textcoords="offset points", color=GREY, fontsize=8.0)
     low, high = xy.min(axis=0), xy.max(axis=0)
     if config.arena is not None:
         low = -0.5 * np.array(config.arena)
@@ -133,38 +148,41 @@ def _floor(arena: tuple[float, float]) -> Outline:
     return Outline([(-x, -y), (x, -y), (x, y), (-x, y), (-x, -y)], closed=True)
 
 
-def motions(episodes: Mapping[str, Mapping[str, Episode]], config: EnvConfig, path: Path) -> None:
-    """For each motion, the paths over the arena, and below each estimator's error of the relative pose with the bound.
+def motions(curves: Mapping[str, Mapping[str, Curves]], config: EnvConfig, path: Path) -> None:
+    """For each motion, its paths from the first start; below, median errors of the relative pose with the bound.
 
     Args:
-        episodes: by motion and estimator; of the first estimator the paths and the bound are shown.
-        config: of all episodes.
+        curves: by motion and estimator; the paths and the bound are those of the first estimator.
+        config: of the environment.
         path: file to write.
     """
-    count = len(episodes)
     with mpl.rc_context(STYLE):
-        figure = _figure(2.35 * count, 7.2)
+        figure = _figure(2.35 * len(curves), 7.2)
+        episodes = len(next(iter(next(iter(curves.values())).values()))["information"])
         figure.suptitle(
-            "The same start, different motions: paths (ring: start, dot: end), and how well A knows where B is",
+            f"Paths from one start (ring: start, dot: end); A's errors of B, quartiles of {episodes} starts",
             x=0.01, ha="left",
         )  # fmt: skip
-        axes = figure.subplots(3, count, squeeze=False, sharey="row", height_ratios=(1.35, 1.0, 1.0))
-        for column, (name, both) in enumerate(episodes.items()):
-            episode = next(iter(both.values()))
-            _map(axes[0, column], episode, config)
+        axes = figure.subplots(3, len(curves), sharex="row", sharey="row", squeeze=False)
+        for column, (name, both) in enumerate(curves.items()):
+            first = next(iter(both.values()))
+            _map(axes[0, column], first["ways"][0], first["points"][0], config)
             axes[0, column].set(title=name)
             if column:
                 axes[0, column].set(ylabel="")
-            for j, unit in enumerate((1.0, 180.0 / np.pi)):
+            for j, kind in enumerate(("position", "heading")):
                 axis = axes[1 + j, column]
                 for colour, (label, one) in zip((_colour(robot_colour(0)), "#B0B0B0"), both.items(), strict=True):
-                    axis.plot(one.time, unit * one.pose_error[:, 0, j], color=colour, label=label)
-                axis.plot(episode.time, unit * episode.bound[:, j], color="black", ls="--", lw=1.1, label="bound")
-                axis.axhline(SUCCESS[j], color=GREY, lw=0.8, ls=":")
-                axis.set(yscale="log", xlim=(0.0, episode.time[-1]))
+                    low, middle, high = quartiles(one[f"{kind}_error"])
+                    axis.plot(one["time"], middle, color=colour, label=label)
+                    axis.fill_between(one["time"], low, high, color=colour, alpha=0.2, lw=0.0)
+                bound = np.median(first[f"{kind}_bound"], axis=0)
+                axis.plot(first["time"], bound, color="black", ls="--", lw=1.1, label="bound")
+                axis.axhline(POSE[j], color=GREY, lw=0.8, ls=":")
+                axis.set(yscale="log", xlim=(0.0, first["time"][-1]))
             axes[2, column].set(xlabel="time [s]")
             for j, mark in enumerate(("5 cm", "1.5°")):
-                place = (0.99, SUCCESS[j])
+                place = (0.99, POSE[j])
                 axes[1 + j, column].annotate(
                     mark, place, xytext=(0, 2), textcoords="offset points", ha="right", color=GREY, fontsize=7.5,
                     xycoords=("axes fraction", "data"),
@@ -177,24 +195,26 @@ def motions(episodes: Mapping[str, Mapping[str, Episode]], config: EnvConfig, pa
             figure.savefig(partial, dpi=110)
 
 
-def information(episodes: Mapping[str, Episode], path: Path) -> None:
-    """Information J of each motion over time, named at the end of each line."""
+def information(curves: Mapping[str, Curves], path: Path) -> None:
+    """Information J of each motion over time, the median over the starts, named at the end of each line."""
     with mpl.rc_context(STYLE):
         figure = _figure(7.6, 4.4)
         axis = figure.subplots()
-        last = {name: float(episode.information[-1]) for name, episode in episodes.items()}
+        over = {name: np.median(one["information"], axis=0) for name, one in curves.items()}
+        last = {name: float(line[-1]) for name, line in over.items()}
         top = max(last.values())
         labels = _apart(sorted(last, key=lambda name: last[name]), last, 0.055 * (top - 1.0))
-        for colour, (name, episode) in zip(LINES, episodes.items(), strict=False):
-            end = episode.time[-1]
-            axis.plot(episode.time, episode.information, color=colour)
+        for colour, (name, one) in zip(LINES, curves.items(), strict=False):
+            end = one["time"][-1]
+            axis.plot(one["time"], over[name], color=colour)
             axis.annotate(
                 f"{name}  {last[name]:.2f}", (end, last[name]), xytext=(1.03 * end, labels[name]), color=colour,
                 va="center", annotation_clip=False,
                 arrowprops={"arrowstyle": "-", "color": colour, "lw": 0.6, "relpos": (0.0, 0.5)},
             )  # fmt: skip
         axis.set(xlim=(0.0, end), xlabel="time [s]", ylabel="information J [nats]")
-        axis.set_title("What each motion tells of the relative pose (higher is better)")
+        starts = len(next(iter(curves.values()))["information"])
+        axis.set_title(f"What each motion tells of the relative pose (median over {starts} starts; higher is better)")
         with whole(path) as partial:
             figure.savefig(partial, dpi=130)
 

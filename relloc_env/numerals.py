@@ -8,7 +8,7 @@ WHOLE = 100.0
 LARGE = 1e4
 """From here on numbers are written with a power of ten."""
 FAR: Mapping[str, float] = {"m": 10.0, "%": 100.0}
-"""Errors in metres, or in percent of a range, that are greater say only that an estimate is far from the truth."""
+"""By unit (percent: of a range): errors beyond say only that an estimate has nothing to do with the truth."""
 
 
 def number(value: float | None, digits: int, *, sign: bool = False, error: str = "") -> str:
