@@ -11,6 +11,7 @@ from pydantic import BaseModel, ValidationError
 from relloc_env.config.models import ConfigError, EnvConfig, hint
 from relloc_env.config.parts import KINDS, CameraConfig
 from relloc_env.estimators.registry import resolve
+from relloc_env.quantities import quoted
 
 M = TypeVar("M", bound=BaseModel)
 
@@ -48,7 +49,7 @@ def _explain(model: type[BaseModel], data: Any, error: Any) -> str:
         return message
     what = f"Argument `{name}`" if name else "The configuration"
     shown = error["input"]
-    tail = f", but is {shown!r}" if "but" not in message and not isinstance(shown, Mapping) else ""
+    tail = f", but is {quoted(shown)}" if "but" not in message and not isinstance(shown, Mapping) else ""
     return f"{what} {message}{tail}"
 
 
