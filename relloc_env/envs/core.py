@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 
 ROBOT_NAMES = ("robot_a", "robot_b")
 """Names of the agents, as in the paper."""
+STATE_BOUND = 1000.0
+"""Bound of every entry of `state()` [m, rad, -]; what is beyond is clipped."""
 
 
 class Core(Sharing):
@@ -196,13 +198,15 @@ class Core(Sharing):
         """All that matters, the truth included, as one vector (N, S) per environment; for centralised critics."""
         world = self.simulation.world
         parts = (world.pose, world.velocity, world.points, world.visible, self.observation)
-        return np.concatenate([part.reshape(self.num_envs, -1) for part in parts], axis=1, dtype=np.float32)
+        found = np.concatenate([part.reshape(self.num_envs, -1) for part in parts], axis=1, dtype=np.float32)
+        return found.clip(-STATE_BOUND, STATE_BOUND, out=found)
 
     def state(self, n: int) -> Float32:
         """The line of `states` of environment n."""
         world = self.simulation.world
         parts = (world.pose[n], world.velocity[n], world.points[n], world.visible[n], self.observation[n])
-        return np.concatenate([np.asarray(part, np.float32).ravel() for part in parts])
+        found = np.concatenate([np.asarray(part, np.float32).ravel() for part in parts])
+        return found.clip(-STATE_BOUND, STATE_BOUND, out=found)
 
     @property
     def state_size(self) -> int:

@@ -11,15 +11,12 @@ import numpy as np
 from gymnasium import spaces
 
 from relloc_env.config import ConfigError, EnvConfig, load_config
-from relloc_env.envs.core import Core
+from relloc_env.envs.core import STATE_BOUND, Core
 from relloc_env.estimators.config import OwnConfig
 from relloc_env.estimators.own import is_estimator
 from relloc_env.estimators.protocol import Estimator
 from relloc_env.samples import Float
 from relloc_env.simulation import OPTIONS, check_seed
-
-STATE_BOUND = 1000.0
-"""Bound of every entry of `state()` [m, rad, -]."""
 
 
 def open_core(

@@ -129,7 +129,8 @@ def _pose(t, width):
         x, y, theta = max(t[c], 1e-16), max(t[c + 3 * W], 1e-16), max(t[c + 5 * W], 1e-16)
         xy, xt, yt = t[c + W] / np.sqrt(x * y), t[c + 2 * W] / np.sqrt(x * theta), t[c + 4 * W] / np.sqrt(y * theta)
         log_x, log_y, log_t = log(x), log(y), log(theta)
-        t[i + _LOG_SD], t[i + _LOG_SD + W], t[i + _LOG_SD + 2 * W] = 0.5 * log_x, 0.5 * log_y, 0.5 * log_t
+        t[i + _LOG_SD], t[i + _LOG_SD + W] = bounded(0.5 * log_x, 20.0), bounded(0.5 * log_y, 20.0)
+        t[i + _LOG_SD + 2 * W] = bounded(0.5 * log_t, 20.0)
         inner_part = 1.0 + 2.0 * xy * xt * yt - xy * xy - xt * xt - yt * yt
         t[i + _CORRELATION], t[i + _CORRELATION + W] = bounded(xy, 1.0), bounded(xt, 1.0)
         t[i + _CORRELATION + 2 * W] = bounded(yt, 1.0)
@@ -256,4 +257,4 @@ def _block(out, at, period, odometry, images, sights, n, r, shown):
                 value = images[n, k, r, i, j] if sight else np.float32(0.0)
                 out[n, r, image + 2 * (k * count + i) + j] = bounded(value, IMAGE)
         for j in range(3):
-            out[n, r, velocity + 3 * k + j] = odometry[n, k, r, j] if valid else 0.0
+            out[n, r, velocity + 3 * k + j] = bounded(odometry[n, k, r, j], FAR) if valid else 0.0
