@@ -14,7 +14,7 @@ from agents.playing import SCORES
 from agents.policy import Task
 from agents.registry import AGENTS, agent, refuse_agents, runs_code
 from relloc_env.config import ConfigError, EnvConfig, hint, load_config, override, read_file, validate
-from relloc_env.config.base import Model, Positive
+from relloc_env.config.base import Model
 from relloc_env.envs.variation import Choice, Stage, Variation
 from relloc_env.places import refuse_code
 from relloc_env.quoting import quote, word
@@ -24,6 +24,7 @@ CONFIGS = Path(__file__).parent / "configs"
 """Folder of the published configurations."""
 
 Count = Annotated[int, Field(ge=1)]
+Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
 ALGORITHMS = ("PPO", "RecurrentPPO", "SAC", "TD3")
 _OURS = ("self", "policy", "env", "seed", "device", "verbose", "tensorboard_log", "policy_kwargs", "_init_setup_model")
 """Arguments of Stable-Baselines3's algorithms that are set from elsewhere."""

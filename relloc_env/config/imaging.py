@@ -6,8 +6,9 @@ from typing import Any, Literal
 
 from pydantic import field_serializer, field_validator
 
-from relloc_env.config.base import Colour, Finite, Model, NonNegative, Positive
+from relloc_env.config.base import Colour, Model
 from relloc_env.places import place_of
+from relloc_env.quantities import Duration, Length, LensCoefficient, LevelNoise, Light, PixelSd
 from relloc_env.quoting import quote
 
 PALETTE: tuple[Colour, ...] = (
@@ -31,9 +32,9 @@ class MarkerConfig(Model):
 
     kind: Literal["sphere", "tag"] = "sphere"
     """a coloured sphere, or an upright AprilTag (family 36h11, id of the target's number) that faces the camera."""
-    radius: Positive = 0.1
+    radius: Length = 0.1
     """[m] of the sphere."""
-    size: Positive = 0.4
+    size: Length = 0.4
     """[m] edge of the tag, without its white border."""
     colours: tuple[Colour, ...] | None = None
     """of the spheres, in turn; None: eight hues, or for more targets as many even hues, up to 24."""
@@ -60,17 +61,23 @@ class MarkerConfig(Model):
 class ImageConfig(Model):
     """How a camera's pictures come about, and who finds the targets in them."""
 
-    exposure: Positive = 1.0
+    exposure: Light = 1.0
     """brightness of the picture; 1 is well lit."""
-    white_balance: tuple[Positive, Positive, Positive] = (1.0, 1.0, 1.0)
+    white_balance: tuple[Light, Light, Light] = (1.0, 1.0, 1.0)
     """gain of red, green and blue: the colour of the light."""
-    noise: NonNegative = 2.0
+    noise: LevelNoise = 2.0
     """[levels of 255] standard deviation of each channel of a pixel."""
-    shutter: NonNegative = 0.0
+    shutter: Duration = 0.0
     """[s] time for which the shutter is open, around the time of the sample; motion blurs the picture meanwhile."""
-    distortion: tuple[Finite, Finite, Finite, Finite, Finite] = (0.0, 0.0, 0.0, 0.0, 0.0)
+    distortion: tuple[LensCoefficient, LensCoefficient, LensCoefficient, LensCoefficient, LensCoefficient] = (
+        0.0,
+        0.0,
+        0.0,
+        0.0,
+        0.0,
+    )
     """k1, k2, p1, p2, k3 of the lens, as OpenCV has them; robots know them."""
-    detection_noise: Positive = 0.02
+    detection_noise: PixelSd = 0.02
     """[px] standard deviation of each coordinate of a detection, as estimators are told. The default is more than the
     colour detector has in plain pictures (docs/vision.md), and less than it has with blur, glare or tags."""
     detector: str | Callable[..., Any] | None = None

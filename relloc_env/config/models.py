@@ -8,7 +8,7 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 from pydantic import BaseModel, BeforeValidator, Field, field_validator, model_validator
 from pydantic_core import PydanticSerializationError
 
-from relloc_env.config.base import Finite, Model, NonNegative, Positive, Vector3
+from relloc_env.config.base import Model
 from relloc_env.config.imaging import DETECTORS, LEAST_LEVEL, LEAST_SATURATION, MarkerConfig
 from relloc_env.config.parts import (
     BoxConfig,
@@ -24,6 +24,7 @@ from relloc_env.config.parts import (
 )
 from relloc_env.estimators.config import CascadeConfig, EstimatorConfig
 from relloc_env.estimators.registry import resolve
+from relloc_env.quantities import AngleSd, Count, Duration, Length, LengthSd, Point, Pose, Rate, Weight
 from relloc_env.quoting import quote
 
 
@@ -77,7 +78,7 @@ class EnvConfig(Model):
     """one for all, or one per robot; the name of a preset stands for it."""
     network: NetworkConfig = NetworkConfig()
     """how late messages between robots are, and how many are lost."""
-    arena: tuple[Positive, Positive] | None = (10.0, 10.0)
+    arena: tuple[Length, Length] | None = (10.0, 10.0)
     """[m] size of the walled floor, centred at the origin; None for an open one."""
     obstacles: tuple[Annotated[DiscConfig | BoxConfig, Field(discriminator="shape")], ...] = ()
     """discs and boxes that stop robots and hide targets."""
@@ -85,15 +86,15 @@ class EnvConfig(Model):
     """what stops robots before they touch anything; None: nothing does."""
     marker: MarkerConfig = MarkerConfig()
     """what targets look like in pictures."""
-    poses: tuple[Vector3, ...] | None = None
+    poses: tuple[Pose, ...] | None = None
     """[m, m, rad] fixed start of each robot in the world; None to draw them."""
-    points: tuple[Vector3, ...] | None = None
+    points: tuple[Point, ...] | None = None
     """[m] fixed targets in the world, z above the floor; None to draw them."""
     start: StartConfig = StartConfig()
     """where robots and targets are drawn."""
     guess: GuessConfig = GuessConfig()
     """how far off the first guesses of depths and pose are that the robots are told."""
-    sample_rate: Positive = RATE
+    sample_rate: Rate = RATE
     """[Hz] of the estimators."""
     samples_per_action: Annotated[int, Field(ge=1, le=1000)] = 5
     action: Literal["motion", "motion+gains"] = "motion"
@@ -101,20 +102,20 @@ class EnvConfig(Model):
     kind `cascade`)."""
     gains: GainsConfig = GainsConfig()
     """ranges of the gains that an action sets."""
-    max_cycles: Annotated[int, Field(ge=1)] = 120
+    max_cycles: Count = 120
     """actions until the episode is truncated."""
     terminate_on_collision: bool = False
     """whether the episode ends once a robot touches anything."""
     terminate_on_success: bool = False
     """whether the episode ends once the bound is at `success`."""
-    success: tuple[Positive, Positive] = (0.05, 1.5)
+    success: tuple[LengthSd, AngleSd] = (0.05, 1.5)
     """[m, deg] standard deviation of depth or position, and of the heading, that count as success."""
     estimator: Annotated[EstimatorConfig | None, BeforeValidator(_named_estimator)] = "map-alignment"  # type: ignore[assignment]
     """name or configuration of the estimator, or the user's own (`relloc_env.estimators.OwnConfig`); None for the bare
     environment."""
-    reward: dict[str, Finite] | None = None
+    reward: dict[str, Weight] | None = None
     """weight of each term; None for the default: information gained, less 0.02 for blocked samples."""
-    reward_start: NonNegative = 0.0
+    reward_start: Duration = 0.0
     """[s] from which information gained counts in the reward: actions that begin before it gain none."""
     bound: bool | None = None
     """whether the information bound is computed (`information` and `bound_sd` in `info`, the terms `information_*`).
@@ -161,6 +162,10 @@ class EnvConfig(Model):
                 'must have an `estimator` with gains (`cascade`, `cascade-critical`) for `action` "motion+gains", '
                 f"but has {quote(kind)}"
             )
+        for name in ("h", "alpha_lambda", "camera_heights"):
+            each = getattr(self.estimator, name, None)
+            if isinstance(each, tuple) and len(each) != self.robots:
+                raise ValueError(f"must have {self.robots} entries in `estimator.{name}`, but has {len(each)}")
         if self.message_window > 64:
             raise ValueError(
                 f"must have latency and jitter of less than 64 samples, but they are {self.message_window}"

@@ -9,8 +9,6 @@ from pydantic import (
     BaseModel,
     ConfigDict,
     Field,
-    NonNegativeFloat,
-    PositiveFloat,
     TypeAdapter,
     field_serializer,
     field_validator,
@@ -18,12 +16,30 @@ from pydantic import (
 )
 
 from relloc_env.places import place_of
+from relloc_env.quantities import (
+    Chance,
+    Count,
+    Duration,
+    Height,
+    ImageNoise,
+    ImageSd,
+    InverseLength,
+    Length,
+    LengthSd,
+    Limits,
+    MotionSd,
+    Period,
+    Scale,
+    Small,
+    SpeedSd,
+)
+from relloc_env.quantities import Gain as OneGain
 from relloc_env.quoting import quote
 
 LEAST_IMAGE_NOISE = 1e-4
 """[-] a camera without noise is taken to have this much: covariances stay regular."""
 
-Gain = PositiveFloat | Annotated[tuple[PositiveFloat, ...], Field(min_length=1)]
+Gain = OneGain | Annotated[tuple[OneGain, ...], Field(min_length=1)]
 """One value for all robots, or one per robot."""
 
 
@@ -60,33 +76,33 @@ class CascadeConfig(EstimatorOptions):
     """[1/m²] product alpha Lambda of the depth innovation."""
     damping: Literal["fixed", "critical"] = "fixed"
     """`critical`: H = 2 sqrt(alpha Lambda) sigma from the current excitation sigma, not below `h_floor`."""
-    h_floor: PositiveFloat = 1.0
+    h_floor: OneGain = 1.0
     """[1/s] least H with `damping="critical"`."""
-    z_min: PositiveFloat = 0.1
+    z_min: Length = 0.1
     """[m] least depth."""
-    z_max: PositiveFloat = 100.0
+    z_max: Length = 100.0
     """[m] greatest depth."""
 
     pose_model: Literal["position", "velocity", "printed"] = "position"
     """Observation model of the pose filter (docs/equations.md, section 4)."""
     measurement: Literal["fixed", "depth"] = "fixed"
     """Covariance of a point in the pose update: fixed, or from the depth observers of both robots."""
-    measurement_sd: PositiveFloat = 0.05
+    measurement_sd: LengthSd = 0.05
     """[m; m/s] standard deviation with `measurement="fixed"`, and the floor with `"depth"`."""
     process: Literal["fixed", "odometry"] = "fixed"
     """Process noise of the pose: fixed per sample, or from the odometry noise of both robots."""
-    process_sd: PositiveFloat = 1e-3
+    process_sd: LengthSd = 1e-3
     """[m, m, rad] standard deviation of the pose's process noise per sample with `process="fixed"`."""
     use_unseen: bool = False
     """Whether remembered points (known, but not seen at that sample) take part in the pose update."""
 
-    image_noise: NonNegativeFloat = 0.003
+    image_noise: ImageNoise = 0.003
     """[-] standard deviation of normalised image coordinates."""
-    odometry_noise: tuple[NonNegativeFloat, NonNegativeFloat] = (0.01, 0.01)
+    odometry_noise: MotionSd = (0.01, 0.01)
     """[m/s, rad/s] standard deviation of the odometry of one sample: forward speed, yaw rate."""
-    unheard_sd: tuple[NonNegativeFloat, NonNegativeFloat] = (0.1, 0.2)
+    unheard_sd: MotionSd = (0.1, 0.2)
     """[m/s, rad/s] how far the other robot's velocity may be from the last one heard while no message comes."""
-    max_gap: PositiveFloat = 0.3
+    max_gap: Period = 0.3
     """[s] longest gap between two sights of a point that the depth observer bridges as one interval."""
 
     @model_validator(mode="after")
@@ -101,56 +117,56 @@ class MapAlignmentConfig(EstimatorOptions):
 
     kind: Literal["map-alignment"] = "map-alignment"
 
-    image_noise: PositiveFloat = 0.003
+    image_noise: ImageSd = 0.003
     """[-] standard deviation of normalised image coordinates (of tan bearing, where only that is measured)."""
-    odometry_noise: tuple[NonNegativeFloat, NonNegativeFloat] = (0.01, 0.01)
+    odometry_noise: MotionSd = (0.01, 0.01)
     """[m/s, rad/s] standard deviation of the odometry of one sample: forward speed, yaw rate."""
-    lateral_noise: NonNegativeFloat = 0.0
+    lateral_noise: SpeedSd = 0.0
     """[m/s] the same for the lateral speed; 0 where the robot cannot move sideways."""
-    noise_period: PositiveFloat | None = None
+    noise_period: Period | None = None
     """[s] length of the sample that the odometry noise is for: a sample of length dt has `noise_period`/dt of its
     variance (1.0: the noise is given in m/√s and rad/√s). None: any sample has it, whatever its length."""
-    rest_share: Annotated[float, Field(ge=0.0, le=1.0)] = 1.0
+    rest_share: Chance = 1.0
     """[-] share of the odometry noise that is left in samples whose measured velocity is exactly zero: below 1 where
     commands are measured, since a robot that is told to stand stands."""
-    scale_sd: tuple[NonNegativeFloat, NonNegativeFloat] = (0.0, 0.0)
+    scale_sd: tuple[Scale, Scale] = (0.0, 0.0)
     """[-] standard deviation of the scales of speed and yaw rate, estimated per robot; 0: exact."""
-    turn_loss_sd: NonNegativeFloat = 0.0
+    turn_loss_sd: Scale = 0.0
     """[m/rad] standard deviation of the forward speed lost per yaw rate in turns, estimated per robot; 0: none."""
-    camera_yaw_sd: NonNegativeFloat = 0.0
+    camera_yaw_sd: Scale = 0.0
     """[rad] standard deviation of the camera's yaw in the body, estimated per robot; 0: straight ahead."""
-    camera_delay_sd: NonNegativeFloat = 0.0
+    camera_delay_sd: Duration = 0.0
     """[s] standard deviation of the delay of images behind the odometry, estimated per robot; 0: none."""
 
-    inverse_range_prior: tuple[PositiveFloat, PositiveFloat] | None = None
+    inverse_range_prior: tuple[InverseLength, InverseLength] | None = None
     """[1/m] mean and standard deviation of a point's inverse range at first sight, in place of the depth prior."""
-    gate_probability: Annotated[float, Field(gt=0.0, lt=0.5)] = 0.001
+    gate_probability: Annotated[float, Limits(1e-9, 0.499)] = 0.001
     """[-] part of good measurements that the gate against outliers refuses."""
-    most_rejections: Annotated[int, Field(ge=1)] = 5
+    most_rejections: Count = 5
     """Refusals in a row after which a point's bearing starts anew."""
-    forget_after: PositiveFloat | None = None
+    forget_after: Period | None = None
     """[s] unseen for longer, a point leaves the map. None: never."""
 
-    camera_heights: tuple[float, ...] | None = None
+    camera_heights: tuple[Height, ...] | None = None
     """[m] of the cameras, one per robot. None: all equal."""
-    height_sd: NonNegativeFloat = 0.0
+    height_sd: Scale = 0.0
     """[m] standard deviation of the difference of two camera heights, estimated with the pose; 0: exact."""
-    align_every: Annotated[int, Field(ge=1)] | Literal["update"] = 1
+    align_every: Count | Literal["update"] = 1
     """[samples] between two alignments; `update`: one at the last sample of each update (of each action;
     of each sample where messages may be late or lost)."""
-    challenger_every: Annotated[int, Field(ge=1)] = 3
+    challenger_every: Count = 3
     """[alignments] between two challengers of the global search once the heading is known; one each before. Alignments
     that are ten samples apart or more have six challengers each."""
-    grid_period: PositiveFloat | None = 0.5
+    grid_period: Period | None = 0.5
     """[s] while the heading is uncertain, the pose comes from a grid of headings, renewed this often. None: never."""
     mirror: bool = True
     """Whether a direction that is aligned from the same two maps as the other takes the inverse of its pose where the
     heading is well known, priors exchanged, and its optimum as the challenger before."""
-    unheard_sd: tuple[NonNegativeFloat, NonNegativeFloat] = (0.1, 0.2)
+    unheard_sd: MotionSd = (0.1, 0.2)
     """[m/s, rad/s] how far the other robot's velocity may be from the last one heard while no message comes."""
-    iterations: Annotated[int, Field(ge=1)] = 30
+    iterations: Annotated[int, Field(ge=1, le=1000)] = 30
     """Greatest number of Levenberg-Marquardt steps of an alignment."""
-    tolerance: PositiveFloat = 1e-3
+    tolerance: Small = 1e-3
     """[-] an alignment ends where the next step promises to lower its cost C by less."""
 
 
@@ -159,15 +175,15 @@ class InverseDepthConfig(EstimatorOptions):
 
     kind: Literal["inverse-depth"] = "inverse-depth"
 
-    image_noise: NonNegativeFloat = 0.003
+    image_noise: ImageNoise = 0.003
     """[-] standard deviation of normalised image coordinates."""
-    odometry_noise: tuple[NonNegativeFloat, NonNegativeFloat] = (0.01, 0.01)
+    odometry_noise: MotionSd = (0.01, 0.01)
     """[m/s, rad/s] standard deviation of the odometry of one sample: forward speed, yaw rate."""
-    measurement_sd: PositiveFloat = 0.05
+    measurement_sd: LengthSd = 0.05
     """[m] standard deviation of a point in the pose update beside what the filters of both robots claim."""
     use_unseen: bool = False
     """Whether remembered points (known, but not seen at that sample) take part in the pose update."""
-    unheard_sd: tuple[NonNegativeFloat, NonNegativeFloat] = (0.1, 0.2)
+    unheard_sd: MotionSd = (0.1, 0.2)
     """[m/s, rad/s] how far the other robot's velocity may be from the last one heard while no message comes."""
 
 

@@ -7,6 +7,9 @@ import numpy as np
 
 from relloc_env.kernels._compile import inlined
 
+NOTHING_KNOWN = 1e60
+"""Variance at which covariances stop growing: steps far off the axis would multiply them until they overflow."""
+
 
 @inlined
 def congruence(l11, l12, l13, l21, l22, l23, l31, l32, l33, p11, p12, p13, p22, p23, p33):
@@ -74,7 +77,7 @@ def covariance_step(p, x, y, chi, v, lateral, w, dt, h, alpha_lambda, mode, var,
     across, along = (1.0 - d) * (1.0 - d), (1.0 - d_o) * (1.0 - d_o)
     n = var * inverse * (along - across)
     n_c = var * (1.0 - d_o) * kt
-    return (
+    p11, p12, p13, p22, p23, p33 = (
         d * d * p11 + 2.0 * f_x * o_x + var * across + n * o_x * o_x + o11,
         d * d * p12 + f_x * o_y + f_y * o_x + n * o_x * o_y + o12,
         (d * g_x + o_x * (g + n_c) + o13) * flow,
@@ -82,6 +85,8 @@ def covariance_step(p, x, y, chi, v, lateral, w, dt, h, alpha_lambda, mode, var,
         (d * g_y + o_y * (g + n_c) + o23) * flow,
         (kt * kt * (oo + var * sigma2) - 2.0 * kt * e * oc + e * e * p33 + o33) * flow * flow,
     )
+    kept = NOTHING_KNOWN / max(NOTHING_KNOWN, p11 + p22 + p33)
+    return kept * p11, kept * p12, kept * p13, kept * p22, kept * p23, kept * p33
 
 
 @inlined

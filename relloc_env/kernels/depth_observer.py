@@ -15,6 +15,9 @@ import numpy as np
 
 from relloc_env.kernels._compile import inlined, kernel
 
+STEEPEST = 50.0
+"""[-] greatest exponent of the inverse depth's growth in a step; the depth is at its limit long before."""
+
 
 @inlined
 def gains(v, lateral, x, y, h, alpha_lambda, critical, floor):
@@ -46,7 +49,11 @@ def slow_mean_decay(u):
 
 @kernel
 def mean_decay(u):
-    """Mean of exp(-u t) over t in [0, 1]: (1 - exp(-u))/u, by its series near zero (error below 2e-13)."""
+    """Mean of exp(-u t) over t in [0, 1]: (1 - exp(-u))/u, by its series near zero (error below 2e-13).
+
+    Below -`STEEPEST`, where a point far off the axis sweeps through the image, it is taken there: it stays finite.
+    """
+    u = max(u, -STEEPEST)
     return slow_mean_decay(u) if abs(u) < 0.2 else -math.expm1(-u) / u
 
 

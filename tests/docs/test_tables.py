@@ -72,7 +72,7 @@ def test_every_option_stands_in_the_tables_with_its_meaning() -> None:
     text = tables.configuration()
     for part in ("RobotConfig", "CameraConfig", "MapAlignmentConfig"):
         assert f"## {part}" in text
-    assert "| `mount_height` | float > 0 | `0.3` | [m] of the camera above the floor. |" in text
+    assert "| `mount_height` | float ≥ 0.001 and ≤ 100000 | `0.3` | [m] of the camera above the floor. |" in text
 
 
 def test_types_and_ranges_in_words() -> None:
