@@ -178,7 +178,6 @@ def test_a_checkpoint_of_objects_is_not_written(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("name", [SCRIPTS, DONE, EVALUATION, CHECKPOINT])
 def test_a_replay_runs_nothing_that_its_log_names(evil, tmp_path):
     name, mark = evil
     with contextlib.closing(RecordLog(RellocEnv(max_cycles=4, estimator="cascade"), tmp_path / "logs")) as env:
@@ -197,6 +196,7 @@ def test_a_replay_runs_nothing_that_its_log_names(evil, tmp_path):
     assert not mark.exists()
 
 
+@pytest.mark.parametrize("name", [SCRIPTS, DONE, EVALUATION, CHECKPOINT])
 @pytest.mark.parametrize("text", ["", "[]", "nothing\n", "[" * 100_000 + "\n"])
 def test_damaged_files_of_a_run_are_one_line_or_made_again(name, text, trained, tmp_path):
     out = tmp_path / "run"
