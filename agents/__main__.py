@@ -5,6 +5,8 @@ from typing import Annotated, NoReturn
 
 import typer
 
+from relloc_env.extras import MissingExtraError
+
 Options = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="OPTION=VALUE", help="Of the environment, over those of the suite: camera=image"),
@@ -32,11 +34,11 @@ def demo(
     try:
         from agents.demo import run
         from relloc_env.logs import LogError
-    except ModuleNotFoundError as error:
-        _stop(f"The package `{error.name}` is missing: pip install -e '.[agents,logs]'")
+    except MissingExtraError as error:
+        _stop(str(error))
     try:
         run(out, seed=seed, log=log)
-    except (LogError, ValueError, OSError) as error:
+    except (LogError, MissingExtraError, ValueError, OSError) as error:
         _stop(str(error))
 
 
@@ -63,8 +65,8 @@ def film(
         from agents.film import film as draw
         from agents.jobs import shown_in
         from agents.registry import agent, short
-    except ModuleNotFoundError as error:
-        _stop(f"The package `{error.name}` is missing: pip install -e '.[agents,logs]'")
+    except MissingExtraError as error:
+        _stop(str(error))
     try:
         shown = [motion] if beside is None else [motion, beside]
         called = names(titles) or tuple(map(short, shown))
@@ -75,11 +77,7 @@ def film(
             dict(zip(called, map(agent, shown), strict=True)),
             seed=seed, width=width, faster=faster, theme="dark" if dark else "light", rerun=rerun,
         )  # fmt: skip
-    except ModuleNotFoundError as error:
-        if error.name != "rerun":
-            raise
-        _stop("The package `rerun` is missing: pip install -e '.[rerun]'")
-    except (ValueError, OSError) as error:
+    except (MissingExtraError, ValueError, OSError) as error:
         _stop(str(error))
     typer.echo(f"Film: {out}")
 
@@ -108,8 +106,8 @@ def benchmark(
         from agents.progress import bar
         from agents.registry import AGENTS
         from relloc_env.scenarios import SUITES
-    except ModuleNotFoundError as error:
-        _stop(f"The package `{error.name}` is missing: pip install -e '.[agents]'")
+    except MissingExtraError as error:
+        _stop(str(error))
     asked = Asked(
         env=env,
         suites=tuple(SUITES) if suite == EVERY else names(suite),
@@ -138,13 +136,13 @@ def report(
     try:
         from agents.progress import bar
         from agents.report import report as make
-    except ModuleNotFoundError as error:
-        _stop(f"The package `{error.name}` is missing: pip install -e '.[agents]'")
+    except MissingExtraError as error:
+        _stop(str(error))
     amiss: list[str] = []
     try:
         with bar() as tell:
             page = make(out, animations=animations, tell=tell, warn=amiss.append)
-    except (ValueError, OSError) as error:
+    except (MissingExtraError, ValueError, OSError) as error:
         _stop(str(error))
     for line in amiss:
         typer.echo(f"Warning: {line}", err=True)
@@ -164,12 +162,12 @@ def tables(
     """Print tables of results as Markdown, with the commands that made them."""
     try:
         from agents.report.markdown import markdown
-    except ModuleNotFoundError as error:
-        _stop(f"The package `{error.name}` is missing: pip install -e '.[agents]'")
+    except MissingExtraError as error:
+        _stop(str(error))
     try:
         chosen = (() if text == EVERY else names(text) for text in (agents, suite))
         typer.echo(markdown(out, names(show), names(over), *chosen))
-    except (ValueError, OSError) as error:
+    except (MissingExtraError, ValueError, OSError) as error:
         _stop(str(error))
 
 

@@ -5,13 +5,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
-from stable_baselines3.common.base_class import BaseAlgorithm
-from stable_baselines3.common.save_util import recursive_getattr
-from stable_baselines3.common.vec_env import VecNormalize
 
+from relloc_env.extras import extra
 from train.whole import whole
 from train.worlds import Worlds
+
+with extra("train"):
+    import torch
+    from stable_baselines3.common.base_class import BaseAlgorithm
+    from stable_baselines3.common.save_util import recursive_getattr
+    from stable_baselines3.common.vec_env import VecNormalize
+
 
 _KEPT = (
     "num_timesteps", "_n_updates", "_episode_num", "_last_obs", "_last_original_obs", "_last_episode_starts",

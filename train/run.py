@@ -8,14 +8,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from stable_baselines3.common.base_class import BaseAlgorithm
-from stable_baselines3.common.callbacks import BaseCallback
-from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
-from torch.utils.tensorboard import SummaryWriter
 
 from agents.learned import NORMALISATION
 from agents.policy import Policy, Task
 from relloc_env.config import ConfigError
+from relloc_env.extras import MissingExtraError, extra
 from relloc_env.scenarios import SEEDS
 from train import checkpoints, export
 from train.config import TrainConfig
@@ -35,6 +32,13 @@ from train.folder import CHECKPOINT, DONE, EVALUATION, POLICY, SAVED, SCRIPTS, c
 from train.models import build, sound
 from train.progress import Show
 from train.whole import whole, write_json, write_text
+
+with extra("train"):
+    from stable_baselines3.common.base_class import BaseAlgorithm
+    from stable_baselines3.common.callbacks import BaseCallback
+    from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
+    from torch.utils.tensorboard import SummaryWriter
+
 
 SCORED = ("information_10s", "information_mean", "information_end", "change_speed", "change_yaw_rate")
 """Scores that are drawn in TensorBoard."""
@@ -243,15 +247,13 @@ class Run:
         if not config.film:
             return
         self._show.doing("draws the film")
+        from agents.film import film
+
+        policy, file = {self._out.name: self._policy()}, self._out / f"film.{config.film}"
         try:
-            from agents.film import film
-        except ModuleNotFoundError as error:
-            self._show.line(f"No film: the package `{error.name}` is missing (pip install -e '.[render]')")
-            return
-        film(
-            self._out / f"film.{config.film}", config.played[0], {self._out.name: self._policy()},
-            seed=SEEDS["validation"][0],
-        )  # fmt: skip
+            film(file, config.played[0], policy, seed=SEEDS["validation"][0])
+        except MissingExtraError as error:
+            self._show.line(f"No film. {error}")
 
     def _policy(self) -> Callable[[Task], Policy]:
         return policy_of(self.model, checkpoints.worlds_of(self.model).layout)
