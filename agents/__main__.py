@@ -6,6 +6,7 @@ from typing import Annotated, NoReturn
 import typer
 
 from relloc_env.console import lenient
+from relloc_env.extras import MissingExtraError
 
 Options = Annotated[
     list[str] | None,
@@ -38,11 +39,11 @@ def demo(
     try:
         from agents.demo import run
         from relloc_env.logs import LogError
-    except ModuleNotFoundError as error:
-        _stop(f"The package `{error.name}` is missing: pip install -e '.[agents,logs]'")
+    except MissingExtraError as error:
+        _stop(str(error))
     try:
         run(out, seed=seed, log=log)
-    except (LogError, ValueError, OSError) as error:
+    except (LogError, MissingExtraError, ValueError, OSError) as error:
         _stop(str(error))
 
 
@@ -70,8 +71,8 @@ def film(
         from agents.film import film as draw
         from agents.jobs import shown_in
         from agents.registry import agent, refuse_pickled, short
-    except ModuleNotFoundError as error:
-        _stop(f"The package `{error.name}` is missing: pip install -e '.[agents,logs]'")
+    except MissingExtraError as error:
+        _stop(str(error))
     try:
         shown = [motion] if beside is None else [motion, beside]
         if not trust:
@@ -84,11 +85,7 @@ def film(
             dict(zip(called, map(agent, shown), strict=True)),
             seed=seed, width=width, faster=faster, theme="dark" if dark else "light", rerun=rerun,
         )  # fmt: skip
-    except ModuleNotFoundError as error:
-        if error.name != "rerun":
-            raise
-        _stop("The package `rerun` is missing: pip install -e '.[rerun]'")
-    except (ValueError, OSError) as error:
+    except (MissingExtraError, ValueError, OSError) as error:
         _stop(str(error))
     typer.echo(f"Film: {out}")
 
@@ -118,8 +115,8 @@ def benchmark(
         from agents.progress import bar
         from agents.registry import AGENTS, refuse_pickled
         from relloc_env.scenarios import SUITES
-    except ModuleNotFoundError as error:
-        _stop(f"The package `{error.name}` is missing: pip install -e '.[agents]'")
+    except MissingExtraError as error:
+        _stop(str(error))
     asked = Asked(
         env=env,
         suites=tuple(SUITES) if suite == EVERY else names(suite),
@@ -153,13 +150,13 @@ def report(
     try:
         from agents.progress import bar
         from agents.report import report as make
-    except ModuleNotFoundError as error:
-        _stop(f"The package `{error.name}` is missing: pip install -e '.[agents]'")
+    except MissingExtraError as error:
+        _stop(str(error))
     amiss: list[str] = []
     try:
         with bar() as tell:
             page = make(out, animations=animations, trust=trust, tell=tell, warn=amiss.append)
-    except (ValueError, OSError) as error:
+    except (MissingExtraError, ValueError, OSError) as error:
         _stop(str(error))
     for line in amiss:
         typer.echo(f"Warning: {line}", err=True)
@@ -179,12 +176,12 @@ def tables(
     """Print tables of results as Markdown, with the commands that made them."""
     try:
         from agents.report.markdown import markdown
-    except ModuleNotFoundError as error:
-        _stop(f"The package `{error.name}` is missing: pip install -e '.[agents]'")
+    except MissingExtraError as error:
+        _stop(str(error))
     try:
         chosen = (() if text == EVERY else names(text) for text in (agents, suite))
         typer.echo(markdown(out, names(show), names(over), *chosen))
-    except (ValueError, OSError) as error:
+    except (MissingExtraError, ValueError, OSError) as error:
         _stop(str(error))
 
 

@@ -4,23 +4,27 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
-from matplotlib import font_manager
-from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
-from matplotlib.patches import PathPatch, Wedge
-from matplotlib.path import Path as Outline
-from PIL import Image, ImageDraw, ImageFont
 
 from agents.playing import POSE, quartiles
 from agents.rollout import Episode, Frame
 from relloc_env.config import EnvConfig
+from relloc_env.extras import extra
 from relloc_env.files import whole
 from relloc_env.rendering import robot_colour, target_colours
 from relloc_env.rendering.animation import save_animation
 from relloc_env.samples import Float
+
+with extra("agents"):
+    import matplotlib as mpl
+    from matplotlib import font_manager
+    from matplotlib.axes import Axes
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+    from matplotlib.patches import PathPatch, Wedge
+    from matplotlib.path import Path as Outline
+    from PIL import Image, ImageDraw, ImageFont
+
 
 STYLE: Any = {
     "font.size": 9.0,

@@ -16,6 +16,7 @@ from agents.layout import Layout
 from agents.policy import Task
 from relloc_env.config import hint
 from relloc_env.estimators import PRESETS
+from relloc_env.extras import extra
 from relloc_env.files import read_json
 from relloc_env.quoting import quote, word
 from relloc_env.samples import Bool, Float, Float32
@@ -174,7 +175,8 @@ def trained_with(name: str) -> tuple[int, str]:
 
 
 def _onnx(task: Task, path: Path) -> Acting:
-    import onnxruntime
+    with extra("agents"):
+        import onnxruntime
 
     layout = _laid_out(path)
     network = path.read_bytes()
@@ -229,13 +231,15 @@ def _zip(task: Task, path: Path) -> Acting:
 
 def _policy(path: Path) -> Any:
     """The policy network in a file of any of Stable-Baselines3's algorithms for continuous actions."""
-    import stable_baselines3 as sb3
-    from stable_baselines3.common.save_util import load_from_zip_file
+    with extra("train"):
+        import stable_baselines3 as sb3
+        from stable_baselines3.common.save_util import load_from_zip_file
 
     data, _, _ = load_from_zip_file(path, device="cpu")
     module = data["policy_class"].__module__ if data else ""
     if module.startswith("sb3_contrib"):
-        from sb3_contrib import RecurrentPPO
+        with extra("train"):
+            from sb3_contrib import RecurrentPPO
 
         policy: Any = RecurrentPPO.load(path, device="cpu").policy
     else:

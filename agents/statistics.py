@@ -6,9 +6,13 @@ from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy import stats
 
+from relloc_env.extras import extra
 from relloc_env.samples import Float, Rows
+
+with extra("agents"):
+    from scipy import stats
+
 
 LEVEL = 0.95
 RESAMPLES = 1000

@@ -7,6 +7,7 @@ import typer
 from rich.console import Console
 
 from relloc_env.console import lenient
+from relloc_env.extras import MissingExtraError
 from relloc_env.files import write_json
 
 app = typer.Typer(
@@ -52,10 +53,8 @@ def map_reference(
     """The posterior of whole episodes (extra: gtsam) beside map-alignment and the bound."""
     try:
         from benchmarks import map_reference as reference
-    except ModuleNotFoundError as error:
-        if error.name != "gtsam":
-            raise
-        _stop("The package `gtsam` is missing: pip install 'relloc-env[gtsam]'")
+    except MissingExtraError as error:
+        _stop(str(error))
     from benchmarks.report import progress
 
     with progress() as tell:
@@ -143,7 +142,7 @@ def vision(
             results = run(
                 out, episodes=episodes, repetitions=repetitions, pictures=pictures, actions=actions, tell=tell
             )
-    except (ModuleNotFoundError, OSError) as error:
+    except (MissingExtraError, OSError) as error:
         _stop(str(error))
     console = Console()
     console.print(*tables(results))

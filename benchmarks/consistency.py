@@ -9,6 +9,7 @@ import numpy as np
 from relloc_env.envs.onboard import informed
 from relloc_env.envs.vector import RellocVectorEnv
 from relloc_env.estimators import make, resolve
+from relloc_env.extras import extra
 from relloc_env.files import whole, write_json
 from relloc_env.metrics import nees, nees_band, point_errors, pose_errors
 from relloc_env.samples import Float
@@ -154,7 +155,8 @@ def _plain(values: Float) -> list[float]:
 
 
 def _draw(results: Mapping[str, Any], path: Path) -> None:
-    from matplotlib.figure import Figure
+    with extra("logs"):
+        from matplotlib.figure import Figure
 
     figure = Figure(figsize=(10.0, 7.4), layout="constrained")
     (first, second), (third, fourth) = figure.subplots(2, 2)

@@ -4,12 +4,14 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from relloc_env.extras import extra
 from relloc_env.files import whole
 
 
 def draw(results: Mapping[str, Any], path: Path) -> None:
     """Draw the contenders that were measured at more than one size, those with one size as a mark."""
-    from matplotlib.figure import Figure
+    with extra("logs"):
+        from matplotlib.figure import Figure
 
     figure = Figure(figsize=(7.0, 4.6), layout="constrained")
     axes = figure.add_subplot()

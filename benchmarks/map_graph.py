@@ -10,12 +10,16 @@ import operator
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-import gtsam
 import numpy as np
 
+from relloc_env.extras import extra
 from relloc_env.kernels.motion import arc
 from relloc_env.kernels.relative_pose import arc_jacobian, displacement_noise
 from relloc_env.samples import Float, Prior, Samples
+
+with extra("gtsam"):
+    import gtsam
+
 
 HEADINGS = 12
 """Headings of B that the search starts from."""

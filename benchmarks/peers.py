@@ -10,6 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from relloc_env.extras import extra
+
 HORIZON = 400
 """Steps of an episode."""
 AGENTS = 2
@@ -25,7 +27,8 @@ def block(num_envs: int) -> int:
 
 def mpe2(num_envs: int) -> Drive:
     """MPE's simple spread, the PettingZoo environment in NumPy; one environment at a time is all there is."""
-    from mpe2 import simple_spread_v3
+    with extra("peers"):
+        from mpe2 import simple_spread_v3
 
     if num_envs != 1:
         raise ValueError(f"mpe2 has one environment at a time, not {num_envs}")
@@ -46,8 +49,9 @@ def mpe2(num_envs: int) -> Drive:
 
 def _vmas(scenario: str, num_envs: int) -> Drive:
     """VMAS, PyTorch on the processor. It resets no environment by itself: all of them at once, when time is up."""
-    import torch
-    from vmas import make_env
+    with extra("peers"):
+        import torch
+        from vmas import make_env
 
     env = make_env(scenario, num_envs, device="cpu", continuous_actions=True, seed=0, n_agents=AGENTS)
     drawn = 2.0 * torch.rand((block(num_envs), AGENTS, num_envs, 2), generator=torch.Generator().manual_seed(0)) - 1.0
@@ -84,8 +88,9 @@ def jaxmarl_spread(num_envs: int) -> Drive:
 
     The scan carries the observations, rewards and ends of the last step, so that XLA has to compute them in each.
     """
-    import jax
-    import jaxmarl
+    with extra("peers"):
+        import jax
+        import jaxmarl
 
     env = jaxmarl.make("MPE_simple_spread_v3", num_agents=AGENTS, num_landmarks=AGENTS, max_steps=HORIZON)
     key, draw, start = jax.random.split(jax.random.key(0), 3)

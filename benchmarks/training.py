@@ -3,10 +3,13 @@
 import time
 from typing import Any
 
-from stable_baselines3 import PPO
-from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
-
 from benchmarks.ours import EVERYTHING
+from relloc_env.extras import extra
+
+with extra("train"):
+    from stable_baselines3 import PPO
+    from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
+
 
 ROLLOUT = 64
 """Steps of each environment between two updates."""

@@ -4,13 +4,17 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from relloc_env.config import load_config
+from relloc_env.extras import extra
 from relloc_env.vision import make_detector
 from relloc_env.vision.sensor import Sensor
+
+with extra("vision"):
+    import cv2
+
 
 POSES = np.array([[-2.4, -0.3, 0.12], [0.2, 0.75, 2.6]])
 POINTS = np.array([[2.2, 1.35, 0.75], [3.0, -0.1, 0.55], [1.2, -1.1, 0.28], [-1.25, 0.62, 0.42]])

@@ -12,20 +12,11 @@ import typer
 
 import relloc_env
 from relloc_env.console import lenient
+from relloc_env.extras import MissingExtraError
 
 app = typer.Typer(
     add_completion=False, no_args_is_help=True, rich_markup_mode=None, pretty_exceptions_enable=False, help=__doc__
 )
-
-EXTRAS = {
-    "cv2": "vision",
-    "matplotlib": "logs",
-    "pygame": "render",
-    "imageio_ffmpeg": "render",
-    "PIL": "render",
-    "rerun": "rerun",
-}
-"""The extra of this package that brings each optional one."""
 
 Rerun = Annotated[
     Path | None, typer.Option(help="A file, .rrd, for the viewer of Rerun (extra: rerun).", dir_okay=False)
@@ -193,12 +184,7 @@ def _plain_errors() -> Iterator[None]:
 
     try:
         yield
-    except ModuleNotFoundError as error:
-        missing = (error.name or "").partition(".")[0]
-        if missing not in EXTRAS:
-            raise
-        _stop(f"The package `{missing}` is missing: pip install 'relloc-env[{EXTRAS[missing]}]'")
-    except (LogError, TypeError, ValueError, OSError) as error:
+    except (LogError, MissingExtraError, TypeError, ValueError, OSError) as error:
         _stop(str(error))
 
 

@@ -11,6 +11,7 @@ from typer.testing import CliRunner
 import relloc_env
 from relloc_env.__main__ import app
 from relloc_env.envs.centralised import RellocEnv
+from relloc_env.extras import extra as need
 from relloc_env.logs import read_log
 from relloc_env.wrappers import RecordLog
 from tests.rendering.scenes import columns_of
@@ -218,7 +219,8 @@ class TestBadInput:
     @pytest.mark.parametrize(("package", "extra"), [("pygame", "render"), ("matplotlib", "logs")])
     def test_missing_package_names_the_extra(self, monkeypatch, log, tmp_path, package, extra):
         def replay(*args, **options):
-            importlib.import_module(f"{package}.absent_part")
+            with need(extra):
+                importlib.import_module(f"{package}.absent_part")
 
         monkeypatch.setattr("relloc_env.replay.replay", replay)
         monkeypatch.setitem(sys.modules, package, None)

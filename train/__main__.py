@@ -7,6 +7,7 @@ from typing import Annotated, NoReturn
 import typer
 
 from relloc_env.console import lenient
+from relloc_env.extras import MissingExtraError
 
 app = typer.Typer(
     add_completion=False, no_args_is_help=True, rich_markup_mode=None, pretty_exceptions_enable=False,
@@ -39,15 +40,13 @@ def run(
     try:
         from train.config import load
         from train.run import DivergedError, train
-    except ModuleNotFoundError as error:
-        _missing(error)
+    except MissingExtraError as error:
+        _stop(str(error))
     try:
         chosen = load(config, overrides or (), trust=trust)
         folder = out or Path(f"out/train/{chosen.name}-seed{chosen.seed}")
         policy = train(chosen, folder, command=_command())
-    except ModuleNotFoundError as error:  # of cameras that take pictures
-        _missing(error)
-    except (DivergedError, ValueError, OSError) as error:
+    except (DivergedError, MissingExtraError, ValueError, OSError) as error:
         _stop(str(error))
     except KeyboardInterrupt:
         _stop("Stopped; the same command goes on from the last checkpoint")
@@ -65,12 +64,12 @@ def export(
         from train.config import load
         from train.folder import CONFIG, ship
         from train.run import Run
-    except ModuleNotFoundError as error:
-        _missing(error)
+    except MissingExtraError as error:
+        _stop(str(error))
     try:
         chosen = load(out / CONFIG, trust=trust)
         policy = ship(out, name) if name else Run(chosen, out).finish()
-    except (ValueError, OSError) as error:
+    except (MissingExtraError, ValueError, OSError) as error:
         _stop(str(error))
     typer.echo(f"Policy: {policy}")
 
@@ -87,12 +86,12 @@ def tune(
     try:
         from train.config import load
         from train.tune import tune as search
-    except ModuleNotFoundError as error:
-        _missing(error)
+    except MissingExtraError as error:
+        _stop(str(error))
     try:
         chosen = load(config, overrides or (), trust=trust)
         found = search(chosen, trials, out or Path(f"out/tune/{chosen.name}"), tell=typer.echo)
-    except (ValueError, OSError) as error:
+    except (MissingExtraError, ValueError, OSError) as error:
         _stop(str(error))
     except KeyboardInterrupt:
         _stop("Stopped; the same command goes on")
@@ -131,8 +130,8 @@ def evaluate(
         from agents.registry import AGENTS, refuse_pickled
         from agents.report import report
         from relloc_env.config import TASKS
-    except ModuleNotFoundError as error:
-        _missing(error)
+    except MissingExtraError as error:
+        _stop(str(error))
     try:
         if not trust:
             refuse_pickled(PREFIX + each for each in policies)
@@ -149,7 +148,7 @@ def evaluate(
         with bar() as tell:
             benchmark(asked, out, cores=cores, tell=tell)
             page = report(out, animations=animations, trust=trust, tell=tell)
-    except (ValueError, OSError) as error:
+    except (MissingExtraError, ValueError, OSError) as error:
         _stop(str(error))
     except KeyboardInterrupt:
         _stop("Stopped; the same command goes on")
@@ -165,12 +164,12 @@ def curves(
     try:
         from train.curves import curves as draw
         from train.curves import table
-    except ModuleNotFoundError as error:
-        _missing(error)
+    except MissingExtraError as error:
+        _stop(str(error))
     try:
         draw(runs, out)
         typer.echo(table(runs))
-    except (ValueError, OSError) as error:
+    except (MissingExtraError, ValueError, OSError) as error:
         _stop(str(error))
     typer.echo(f"Curves: {out}")
 
@@ -178,11 +177,6 @@ def curves(
 def _command() -> str:
     """The command that was given, for the card."""
     return " ".join(["python -m train", *sys.argv[1:]])
-
-
-def _missing(error: ModuleNotFoundError) -> NoReturn:
-    name = (error.name or "").partition(".")[0]
-    _stop(f"The package `{name}` is missing: pip install -e '.[{'vision' if name == 'cv2' else 'train'}]'")
 
 
 def _stop(message: str) -> NoReturn:

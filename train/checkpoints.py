@@ -6,17 +6,21 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
-from sb3_contrib.common.recurrent.type_aliases import RNNStates
-from stable_baselines3.common.base_class import BaseAlgorithm
-from stable_baselines3.common.running_mean_std import RunningMeanStd
-from stable_baselines3.common.save_util import recursive_getattr
-from stable_baselines3.common.vec_env import VecNormalize
 
 from relloc_env.config import ConfigError
+from relloc_env.extras import extra
 from relloc_env.places import refuse_code
 from train import plain
 from train.worlds import Worlds
+
+with extra("train"):
+    import torch
+    from sb3_contrib.common.recurrent.type_aliases import RNNStates
+    from stable_baselines3.common.base_class import BaseAlgorithm
+    from stable_baselines3.common.running_mean_std import RunningMeanStd
+    from stable_baselines3.common.save_util import recursive_getattr
+    from stable_baselines3.common.vec_env import VecNormalize
+
 
 _KEPT = (
     "num_timesteps", "_n_updates", "_episode_num", "_last_obs", "_last_original_obs", "_last_episode_starts",

@@ -16,6 +16,7 @@ from agents.registry import AGENTS, agent, refuse_agents, runs_code
 from relloc_env.config import ConfigError, EnvConfig, hint, load_config, override, read_file, validate
 from relloc_env.config.base import Model
 from relloc_env.envs.variation import Choice, Stage, Variation
+from relloc_env.extras import extra
 from relloc_env.places import refuse_code
 from relloc_env.quoting import quote, word
 from relloc_env.scenarios import suite
@@ -38,8 +39,9 @@ PAIR = (
 
 def algorithm_class(name: str) -> Any:
     """The class of one of `ALGORITHMS`."""
-    import sb3_contrib
-    import stable_baselines3
+    with extra("train"):
+        import sb3_contrib
+        import stable_baselines3
 
     return getattr(sb3_contrib if name == "RecurrentPPO" else stable_baselines3, name)
 

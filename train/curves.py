@@ -5,15 +5,19 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
-from matplotlib.figure import Figure
 
 from agents.learned import read_card
+from relloc_env.extras import extra
 from relloc_env.files import whole
 from train.config import TrainConfig, load
 from train.evaluation import Journal
 from train.folder import CONFIG, EVALUATION, POLICY
+
+with extra("train"):
+    import matplotlib as mpl
+    from matplotlib.figure import Figure
+
 
 COLOUR, MUTED = "#0072B2", "#70757a"
 FIRST = 0.1

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from stable_baselines3.common.base_class import BaseAlgorithm
 
 from agents.layout import Layout
 from agents.learned import Acting
@@ -17,10 +16,15 @@ from agents.policy import Policy, Task
 from agents.registry import agent
 from agents.statistics import Interval, mean, mean_difference, median
 from relloc_env.config import ConfigError, load_config
+from relloc_env.extras import extra
 from relloc_env.files import write_whole
 from relloc_env.samples import Bool, Float, Float32
 from relloc_env.scenarios import seeds
 from train.config import TrainConfig
+
+with extra("train"):
+    from stable_baselines3.common.base_class import BaseAlgorithm
+
 
 Scores = dict[str, Float]
 """Of every episode, (N,) each."""

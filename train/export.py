@@ -7,17 +7,21 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import onnx
-import torch
 from numpy.typing import NDArray
-from onnx import TensorProto, helper, numpy_helper
-from stable_baselines3.common.base_class import BaseAlgorithm
-from stable_baselines3.common.torch_layers import FlattenExtractor
 
 import relloc_env
 from agents.learned import DIGEST, INPUT, OUTPUT, digest
+from relloc_env.extras import extra
 from relloc_env.files import write_json, write_whole
 from train.config import TrainConfig
+
+with extra("train"):
+    import onnx
+    import torch
+    from onnx import TensorProto, helper, numpy_helper
+    from stable_baselines3.common.base_class import BaseAlgorithm
+    from stable_baselines3.common.torch_layers import FlattenExtractor
+
 
 OPSET = 21
 _ACTIVATIONS = {torch.nn.Tanh: "Tanh", torch.nn.ReLU: "Relu", torch.nn.ELU: "Elu"}

@@ -8,15 +8,12 @@ from typing import Any
 
 import numpy as np
 from pydantic import TypeAdapter
-from stable_baselines3.common.base_class import BaseAlgorithm
-from stable_baselines3.common.callbacks import BaseCallback
-from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
-from torch.utils.tensorboard import SummaryWriter
 
 from agents.alone import alone
 from agents.learned import NORMALISATION
 from agents.policy import Policy, Task
 from relloc_env.config import ConfigError
+from relloc_env.extras import MissingExtraError, extra
 from relloc_env.files import read_json, whole, write_json
 from relloc_env.places import code_in
 from relloc_env.scenarios import SEEDS
@@ -37,6 +34,13 @@ from train.evaluation import (
 from train.folder import CHECKPOINT, DONE, EVALUATION, POLICY, SAVED, SCRIPTS, claim, command_of
 from train.models import build, sound
 from train.progress import Show
+
+with extra("train"):
+    from stable_baselines3.common.base_class import BaseAlgorithm
+    from stable_baselines3.common.callbacks import BaseCallback
+    from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
+    from torch.utils.tensorboard import SummaryWriter
+
 
 SCORED = ("information_10s", "information_mean", "information_end", "change_speed", "change_yaw_rate")
 """Scores that are drawn in TensorBoard."""
@@ -258,15 +262,13 @@ class Run:
         if not config.film:
             return
         self._show.doing("draws the film")
+        from agents.film import film
+
+        policy, file = {self._out.name: self._policy()}, self._out / f"film.{config.film}"
         try:
-            from agents.film import film
-        except ModuleNotFoundError as error:
-            self._show.line(f"No film: the package `{error.name}` is missing (pip install -e '.[render]')")
-            return
-        film(
-            self._out / f"film.{config.film}", config.played[0], {self._out.name: self._policy()},
-            seed=SEEDS["validation"][0],
-        )  # fmt: skip
+            film(file, config.played[0], policy, seed=SEEDS["validation"][0])
+        except MissingExtraError as error:
+            self._show.line(f"No film. {error}")
 
     def _policy(self) -> Callable[[Task], Policy]:
         return policy_of(self.model, checkpoints.worlds_of(self.model).layout)

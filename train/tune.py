@@ -4,16 +4,20 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-import optuna
 import yaml
-from optuna.trial import FrozenTrial, TrialState
 
 from agents.alone import alone
 from relloc_env.config import ConfigError, put
+from relloc_env.extras import extra
 from relloc_env.files import write_whole
 from train.config import TrainConfig, load
 from train.folder import claim
 from train.run import DivergedError, Run
+
+with extra("train"):
+    import optuna
+    from optuna.trial import FrozenTrial, TrialState
+
 
 STUDY, BEST, FOLDER = "study.db", "best.yaml", "folder"
 Tell = Callable[[str], None]

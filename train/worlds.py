@@ -5,16 +5,19 @@ from typing import Any
 
 import numpy as np
 from gymnasium import spaces
-from stable_baselines3.common.vec_env import VecEnvWrapper
-from stable_baselines3.common.vec_env.base_vec_env import VecEnvStepReturn
 
 from agents.layout import Layout
 from agents.policy import Task
 from relloc_env.envs.sb3 import RellocVecEnv
 from relloc_env.envs.varied import VariedVecEnv
+from relloc_env.extras import extra
 from relloc_env.samples import Float32
 from relloc_env.scenarios import SEEDS
 from train.config import EnvironmentConfig
+
+with extra("train"):
+    from stable_baselines3.common.vec_env import VecEnvWrapper
+    from stable_baselines3.common.vec_env.base_vec_env import VecEnvStepReturn
 
 
 class Worlds(VecEnvWrapper):

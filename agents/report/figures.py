@@ -10,19 +10,23 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.backends.backend_svg import FigureCanvasSVG
-from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from agents.demo_figures import LINES, STYLE
 from agents.playing import DEPTH_SHARE, POSE
 from agents.registry import short
 from agents.results import Result
 from agents.statistics import median
+from relloc_env.extras import extra
 from relloc_env.samples import Float
+
+with extra("agents"):
+    import matplotlib as mpl
+    from matplotlib.axes import Axes
+    from matplotlib.backends.backend_svg import FigureCanvasSVG
+    from matplotlib.figure import Figure
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
 
 INK, GRID, MUTED = "#a10000", "#a10001", "#a10002"
 """Stand for the page's variables --ink, --grid, --muted."""

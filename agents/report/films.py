@@ -4,14 +4,17 @@ import base64
 import io
 from dataclasses import replace
 
-from PIL import Image
-
 from agents.jobs import Job
 from agents.policy import Task
 from agents.registry import make, refuse_agents
 from agents.rollout import rollout
 from relloc_env.envs.parallel import RellocParallelEnv
+from relloc_env.extras import extra
 from relloc_env.places import refuse_code
+
+with extra("agents"):
+    from PIL import Image
+
 
 SMALLER = 2
 """Times as small as the environment's own picture, which is 960 px wide."""

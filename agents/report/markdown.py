@@ -5,14 +5,18 @@ from pathlib import Path
 from types import MappingProxyType
 
 import numpy as np
-from scipy import stats
 
 from agents.report.columns import J_10, J_END, MADE, MOVED, TOLD, Column, shown
 from agents.report.summary import command
 from agents.results import Result, load, of
 from agents.statistics import mean_difference
 from relloc_env.config import TASKS
+from relloc_env.extras import extra
 from relloc_env.numerals import number
+
+with extra("agents"):
+    from scipy import stats
+
 
 REASONS = ("excitation", "information_end", "seen")
 """Scores of a motion that its errors are held against."""

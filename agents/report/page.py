@@ -5,9 +5,6 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
-from markupsafe import Markup
-
 from agents.jobs import Asked
 from agents.playing import DEPTH_SHARE, POSE
 from agents.registry import group, short
@@ -16,8 +13,14 @@ from agents.report.films import film
 from agents.report.maps import maps
 from agents.report.summary import plain, summarise
 from agents.results import Result, failures, load, of
+from relloc_env.extras import extra
 from relloc_env.files import write_json, write_whole
 from relloc_env.metrics import chi2_quantile
+
+with extra("agents"):
+    from jinja2 import Environment, FileSystemLoader, StrictUndefined
+    from markupsafe import Markup
+
 
 CHOSEN = 3
 """Agents that are chosen at first: the best ones, and the best of those that move by the clock."""

@@ -171,7 +171,7 @@ def _side(data: Mapping[str, Any], name: str) -> float:
     """Width or height of an image, before it is checked."""
     side = data.get(name, CAMERAS["pi"][name])
     if isinstance(side, numbers.Real):
-        return float(min(side, 1e9))
+        return min(float(min(side, 10**9)), 1e9)  # type: ignore[arg-type]
     raise ValueError(f"must have an integer as `{name}`, but it is {quote(side)}")
 
 

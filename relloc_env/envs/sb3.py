@@ -9,8 +9,6 @@ import gymnasium as gym
 import numpy as np
 from gymnasium.envs.registration import EnvSpec
 from gymnasium.error import ResetNeeded
-from stable_baselines3.common.vec_env import VecEnv
-from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvStepReturn
 
 from relloc_env.config import TASKS, EnvConfig
 from relloc_env.envs.core import ROBOT_NAMES
@@ -34,8 +32,13 @@ from relloc_env.envs.spaces import (
     robot_form,
     robot_space,
 )
+from relloc_env.extras import extra
 from relloc_env.samples import Float32, Rows
 from relloc_env.simulation import check_seed
+
+with extra("train"):
+    from stable_baselines3.common.vec_env import VecEnv
+    from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvStepReturn
 
 
 class RellocVecEnv(Fixed, VecEnv):

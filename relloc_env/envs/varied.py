@@ -7,8 +7,6 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
-from stable_baselines3.common.vec_env import VecEnv
-from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvStepReturn
 
 from relloc_env.config import ConfigError, EnvConfig, load_config
 from relloc_env.envs.door import check_actions, check_render_mode
@@ -18,8 +16,13 @@ from relloc_env.envs.sb3 import RellocVecEnv, Row
 from relloc_env.envs.spaces import joint_action_space, joint_slices, joint_space, robot_action_space, robot_space
 from relloc_env.envs.specification import take_horizon
 from relloc_env.envs.variation import Stage, Variation
+from relloc_env.extras import extra
 from relloc_env.samples import Float32
 from relloc_env.simulation import check_seed
+
+with extra("train"):
+    from stable_baselines3.common.vec_env import VecEnv
+    from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvStepReturn
 
 
 class VariedVecEnv(Fixed, VecEnv):

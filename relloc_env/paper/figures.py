@@ -6,13 +6,10 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.patches import Wedge
 
 from relloc_env.config import load_config
+from relloc_env.extras import extra
 from relloc_env.files import whole
 from relloc_env.paper.geometries import PAPER_TIMES, TIME_TOLERANCE
 from relloc_env.paper.runs import CONVERGED, PAPER_GAINS, Run
@@ -26,6 +23,13 @@ from relloc_env.paper.studies import (
     steady_state,
     steady_state_theory,
 )
+
+with extra("logs"):
+    import matplotlib as mpl
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from matplotlib.patches import Wedge
+
 
 FORMATS = ("png", "svg")
 BLACK, ORANGE, SKY, GREEN, BLUE, RED, PINK = (

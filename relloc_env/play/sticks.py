@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 
+from relloc_env.extras import extra
 from relloc_env.samples import Float
 
 _DRIVE = (
@@ -25,7 +26,8 @@ class Sticks:
     """
 
     def __init__(self, robots: int) -> None:
-        import pygame
+        with extra("render"):
+            import pygame
 
         self._pygame, self._robots = pygame, robots
         self._keys = [

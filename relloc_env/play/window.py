@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any, Literal
 
+from relloc_env.extras import extra
 from relloc_env.play.session import Session
 from relloc_env.play.sticks import Sticks
 
@@ -45,7 +46,8 @@ class Window:
         self, session: Session, size: tuple[int, int] = (1280, 720), theme: Literal["light", "dark"] = "light"
     ) -> None:
         os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
-        import pygame
+        with extra("render"):
+            import pygame
 
         from relloc_env.rendering.renderer import SMALLEST, Renderer
 
@@ -149,7 +151,8 @@ def play(
         OSError: where there is no display.
     """
     window = Window(session, size, theme)
-    import pygame
+    with extra("render"):
+        import pygame
 
     clock, rate, behind = pygame.time.Clock(), session.config.sample_rate, 0.0
     try:

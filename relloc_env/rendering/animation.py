@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from relloc_env.extras import extra
 from relloc_env.files import whole
 
 Picture = NDArray[np.uint8]
@@ -48,7 +49,8 @@ def save_animation(frames: Sequence[Picture], path: str | Path, fps: float = 20.
 
 
 def _save_gif(frames: Sequence[Picture], path: Path, fps: float) -> None:
-    from PIL import Image
+    with extra("render"):
+        from PIL import Image
 
     chosen = np.linspace(0, len(frames) - 1, min(len(frames), _PALETTE_FROM)).round().astype(int)
     sample = Image.fromarray(np.concatenate([frames[k] for k in chosen]))
@@ -62,7 +64,8 @@ def _save_gif(frames: Sequence[Picture], path: Path, fps: float) -> None:
 
 
 def _save_mp4(frames: Iterable[Picture], partial: Path, fps: float) -> None:
-    import imageio_ffmpeg
+    with extra("render"):
+        import imageio_ffmpeg
 
     writer = None
     for picture in frames:

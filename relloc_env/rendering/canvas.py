@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from relloc_env.extras import extra
 from relloc_env.rendering.theme import Colour
 from relloc_env.samples import Float
 
@@ -48,8 +49,9 @@ class Canvas:
 
     def __init__(self, size: tuple[int, int]) -> None:
         os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
-        import pygame
-        import pygame.gfxdraw
+        with extra("render"):
+            import pygame
+            import pygame.gfxdraw
 
         self._pygame, self._gfxdraw = pygame, pygame.gfxdraw
         pygame.font.init()

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from relloc_env.extras import extra
 from relloc_env.rendering import geometry
 from relloc_env.rendering.camera_view import draw_camera, image_frame
 from relloc_env.rendering.canvas import Canvas
@@ -66,7 +67,8 @@ class Renderer:
         """Close the window, if there is one; may be called twice."""
         self.closed = True
         if self._window is not None:
-            import pygame
+            with extra("render"):
+                import pygame
 
             self._window = None
             pygame.display.quit()
@@ -178,7 +180,8 @@ class Renderer:
                 canvas.text(words, (left + 0.5 * letters + keys, y), letters, theme.muted, anchor=(0.0, 0.5))
 
     def _show(self, scene: Scene) -> None:
-        import pygame
+        with extra("render"):
+            import pygame
 
         if self._window is None:
             try:

@@ -10,6 +10,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from relloc_env.extras import extra
 from relloc_env.files import whole
 from relloc_env.rendering.camera_view import ImageFrame, draw_camera
 from relloc_env.rendering.canvas import Canvas
@@ -42,7 +43,8 @@ class RerunFile:
     """
 
     def __init__(self, path: str | Path, name: str = "episode") -> None:
-        import rerun
+        with extra("rerun"):
+            import rerun
 
         self.path = Path(path)
         if self.path.suffix != ".rrd":
@@ -262,7 +264,8 @@ def recorder(path: str | Path | None, every: float = 0.25) -> Iterator[Callable[
 
 def _blueprint(scene: Scene) -> Any:
     """The world at the left, cameras and numbers at the right."""
-    import rerun.blueprint as rrb
+    with extra("rerun"):
+        import rerun.blueprint as rrb
 
     labels = [strip.label for strip in scene.strips]
     cameras = [

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from relloc_env.extras import extra
 from relloc_env.files import whole
 from relloc_env.rendering.geometry import ellipse
 from relloc_env.replay import scores
@@ -45,8 +46,9 @@ def draw(result: "ReplayResult", folder: Path) -> list[Path]:
 
 
 def _figure(width: float, height: float) -> "Figure":
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
+    with extra("logs"):
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
 
     figure = Figure(figsize=(width, height), layout="constrained")
     FigureCanvasAgg(figure)
@@ -130,7 +132,8 @@ def _places(runs: "list[Run]") -> "Figure":
     log = runs[0].log
     truth = log.truth
     assert truth is not None
-    from matplotlib import colormaps
+    with extra("logs"):
+        from matplotlib import colormaps
 
     figure = _figure(5.5 * len(runs), 6.0)
     axes = figure.subplots(1, len(runs), sharex=True, sharey=True, squeeze=False)[0]

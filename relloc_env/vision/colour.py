@@ -4,15 +4,19 @@ import colorsys
 import math
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from relloc_env.config.imaging import SATURATION
+from relloc_env.extras import extra
 from relloc_env.samples import Bool, Float
 from relloc_env.vision.lens import picture_rays, to_pixels
 from relloc_env.vision.outline import agreement, area_of, from_ellipse, from_rim, moments, refined
 from relloc_env.vision.protocol import Detections, Detector, Picture, View
+
+with extra("vision"):
+    import cv2
+
 
 BRIGHTNESS, OF_LIGHT = 30, 0.3
 """Least greatest channel (of 255) of a target's pixels, or as much of that of the picture's median if it is less."""

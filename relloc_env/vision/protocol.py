@@ -18,7 +18,6 @@ from relloc_env.vision.lens import from_pixels
 Picture = NDArray[np.uint8]
 BUILT_IN = {"colour": "colour", "apriltag": "tags"}
 """Where the detectors of this package are."""
-MISSING = "The package `opencv-python-headless` is missing: pip install 'relloc-env[vision]'"
 
 
 class View(NamedTuple):
@@ -77,17 +76,12 @@ def make_detector(config: EnvConfig, robot: int) -> Detector:
     """Build the detector that a robot's camera is configured with.
 
     Raises:
-        ModuleNotFoundError: OpenCV is missing for one of the built-in ones.
+        MissingExtraError: OpenCV is missing for one of the built-in ones.
         ValueError, TypeError: a name that leads nowhere, or to what makes no detector.
     """
     view, given = view_of(config, robot), config.detector_of(robot)
     if given in BUILT_IN:
-        try:
-            module = importlib.import_module(f"relloc_env.vision.{BUILT_IN[str(given)]}")
-        except ModuleNotFoundError as error:
-            if error.name != "cv2":
-                raise
-            raise ModuleNotFoundError(MISSING, name="cv2") from None
+        module = importlib.import_module(f"relloc_env.vision.{BUILT_IN[str(given)]}")
         built: Detector = module.open_detector(view)
         return built
     factory = load(given, "detector") if isinstance(given, str) else given

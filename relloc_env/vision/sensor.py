@@ -14,7 +14,7 @@ from relloc_env.kernels.world import World
 from relloc_env.parameters import pack_obstacles
 from relloc_env.samples import Float, Rows
 from relloc_env.vision.lens import picture_rays
-from relloc_env.vision.protocol import MISSING, Picture, view_of
+from relloc_env.vision.protocol import Picture, view_of
 
 ROBOTS = ((112.0, 114.0, 118.0), (132.0, 130.0, 126.0))
 """Colours of the robots."""
@@ -153,10 +153,6 @@ def _ground(rays: Float, mount: float, pixel: float) -> NDArray[np.float32]:
 
 def _tags(count: int) -> NDArray[np.float32]:
     """(M, T, T) cells of tags, from 0 for black to 1 for white."""
-    try:
-        from relloc_env.vision.tags import tag_cells
-    except ModuleNotFoundError as error:
-        if error.name != "cv2":
-            raise
-        raise ModuleNotFoundError(MISSING, name="cv2") from None
+    from relloc_env.vision.tags import tag_cells
+
     return tag_cells(count)

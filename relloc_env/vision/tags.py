@@ -1,12 +1,16 @@
 """AprilTags (family 36h11), drawn for targets and found by OpenCV."""
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from relloc_env.extras import extra
 from relloc_env.samples import Float
 from relloc_env.vision.lens import to_pixels
 from relloc_env.vision.protocol import Detections, Detector, Picture, View
+
+with extra("vision"):
+    import cv2
+
 
 _CELLS = 8
 """Cells along the edge of a tag, without the white border."""
