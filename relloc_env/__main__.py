@@ -158,10 +158,9 @@ def fill_cache(
         from relloc_env.config.loading import TASKS
         from relloc_env.envs import precompile
 
-        given: list[tuple[str, dict[str, Any]]] = [(name, {"config": name}) for name in config or ()] or [
-            (name, {"task": name}) for name in TASKS
-        ]
-        for (name, options), chosen in itertools.product(given, [*(estimator or ()), *(() if estimator else (None,))]):
+        given: list[tuple[str, dict[str, Any]]] = [(name, {"config": name}) for name in config or ()]
+        given = given or [(name, {"task": name}) for name in TASKS]
+        for (name, options), chosen in itertools.product(given, [*(estimator or ()), *([] if estimator else [None])]):
             words = ", ".join(filter(None, (name, chosen)))
             tell(words, None)
             start = time.perf_counter()
