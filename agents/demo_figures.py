@@ -73,7 +73,7 @@ def paper_experiment(episode: Episode, config: EnvConfig, path: Path) -> None:
     with mpl.rc_context(STYLE):
         figure = _figure(10.0, 6.4)
         figure.suptitle(
-            "The paper's experiment, targets where its times come out: two robots find each other by two points",
+            "The paper's experiment (consistent with its times, for which the targets were placed)",
             x=0.01, ha="left",
         )  # fmt: skip
         axes = figure.subplots(2, 2)

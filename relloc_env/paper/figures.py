@@ -146,6 +146,9 @@ def _two_robot_simulation(figure: Figure, studies: Studies) -> None:
 
 def _experiment(figure: Figure, studies: Studies) -> None:
     run, noisy = studies.experiment, studies.experiment_noisy
+    figure.suptitle(
+        "Consistent with the paper's times: the targets were placed for them", fontsize=9.0, x=0.01, ha="left"
+    )
     for robot, name in enumerate("AB"):
         axes = _axes(figure, (2, 2, robot + 1), f"({'ab'[robot]}) depths of robot {name}", "depth error [m]")
         axes.axhspan(-CONVERGED, CONVERGED, color="#F0F0F0", zorder=0)
