@@ -7,7 +7,6 @@ import numpy as np
 
 from relloc_env.kernels._compile import inlined
 
-
 NOTHING_KNOWN = 1e60
 """Variance at which covariances stop growing: steps far off the axis would multiply them until they overflow."""
 

@@ -15,7 +15,6 @@ import numpy as np
 
 from relloc_env.kernels._compile import inlined, kernel
 
-
 STEEPEST = 50.0
 """[-] greatest exponent of the inverse depth's growth in a step; the depth is at its limit long before."""
 
