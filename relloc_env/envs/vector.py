@@ -77,6 +77,7 @@ class RellocVectorEnv(Fixed, Batch):
         **options: Any,
     ) -> None:
         super().__init__()
+        self._pictures: list[Picture] = []  # Gymnasium closes what could not be made, too
         self._spec: EnvSpec | None = None
         self.core = open_core(config, num_envs, estimator, options, threads)
         self.num_envs, self._threads = num_envs, threads

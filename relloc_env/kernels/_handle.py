@@ -31,6 +31,10 @@ class HandleType(types.StructRef):
 class Handle(structref.StructRefProxy):
     """A handle, as Python has it."""
 
+    def __reduce__(self) -> tuple[type[None], tuple[()]]:
+        """A copy or a pickle has None in its place: who owns the arrays makes it anew (`samples.Sharing`)."""
+        return type(None), ()
+
 
 def define(handle: type[Handle], kind: type[HandleType], *fields: str) -> None:
     """Tell numba how to make a handle from its fields, and how to read them."""

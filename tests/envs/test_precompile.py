@@ -155,7 +155,7 @@ def test_the_command_compiles_all_that_environments_need() -> None:
     """After it, the ids say nothing of compiling, in a fresh process, alone or side by side, in contact too."""
     done = CliRunner().invoke(app, ["compile"])
     assert done.exit_code == 0, done.output
-    assert [line.partition(":")[0] for line in done.output.splitlines()] == [
+    assert [line.partition(":")[0] for line in done.stdout.splitlines()] == [
         "relloc_env/ActiveDepth-v0",
         "relloc_env/RelativePose-v0",
     ]
