@@ -4,7 +4,7 @@
 """
 
 import math
-import numbers
+import operator
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +17,7 @@ from relloc_env.kernels.stepping import advance, after_contact, begin
 from relloc_env.kernels.streams import PURPOSES, seed_streams
 from relloc_env.kernels.world import Truth, World
 from relloc_env.parameters import pack_obstacles, pack_parameters, pack_robots
+from relloc_env.quoting import quote
 from relloc_env.samples import Float, Prior, Rows, Sharing, empty_samples, ordered_pairs
 from relloc_env.world import ContactSolver
 
@@ -231,9 +232,18 @@ def _fixed(name: str, value: ArrayLike | None, count: int) -> Float:
 
 
 def check_seed(seed: object) -> int:
-    """Return a seed as an int, or raise where it is not a non-negative integer."""
-    if isinstance(seed, np.ndarray) and seed.ndim == 0:
-        seed = seed.item()
-    if isinstance(seed, bool) or not isinstance(seed, numbers.Integral) or int(seed) < 0:
-        raise ValueError(f"Argument `seed` must be a non-negative integer, but is {seed!r}")
-    return int(seed)
+    """Return a seed as an int, or raise where it is not a non-negative integer of Python, NumPy or an array of one."""
+    number = integer(seed)
+    if number is None or number < 0:
+        raise ValueError(f"Argument `seed` must be a non-negative integer, but is {quote(seed)}")
+    return number
+
+
+def integer(value: object) -> int | None:
+    """An integer of any kind as an int; None for anything else, truth values too."""
+    if isinstance(value, bool):
+        return None
+    try:
+        return operator.index(value)  # type: ignore[arg-type]
+    except TypeError:
+        return None

@@ -16,8 +16,9 @@ from relloc_env.envs.specification import take_horizon
 from relloc_env.estimators.config import OwnConfig
 from relloc_env.estimators.own import is_estimator
 from relloc_env.estimators.protocol import Estimator
+from relloc_env.quoting import quote
 from relloc_env.samples import Float
-from relloc_env.simulation import OPTIONS, check_seed
+from relloc_env.simulation import OPTIONS, check_seed, integer
 
 
 def open_core(
@@ -61,19 +62,20 @@ def check_render_mode(mode: str | None, known: tuple[str, ...] = ("human", "rgb_
     return mode
 
 
-def check_seeds(seed: object, count: int) -> list[int | None]:
+def check_seeds(seed: Any, count: int) -> list[int | None]:
     """Return a seed for each of `count` environments, None to go on: of one integer it and the next ones."""
     if seed is None:
         return [None] * count
-    if isinstance(seed, numbers.Integral) or (isinstance(seed, np.ndarray) and seed.ndim == 0):
+    if integer(seed) is not None:
         first = check_seed(seed)
         return [first + n for n in range(count)]
-    if not isinstance(seed, Sequence | np.ndarray) or isinstance(seed, str) or len(seed) != count:
-        raise ValueError(f"Argument `seed` must be one integer or {count} of them, but is {seed!r}")
+    several = isinstance(seed, Sequence) and not isinstance(seed, str | bytes)
+    if not (several or (isinstance(seed, np.ndarray) and seed.ndim == 1)) or len(seed) != count:
+        raise ValueError(f"Argument `seed` must be one integer or {count} of them, but is {quote(seed)}")
     return [None if each is None else check_seed(each) for each in seed]
 
 
-def fresh_seeds(seed: object, count: int) -> list[int]:
+def fresh_seeds(seed: Any, count: int) -> list[int]:
     """Return a seed for each of `count` environments, as `check_seeds`, but None draws from the operating system."""
     drawn = np.random.SeedSequence().generate_state(count, np.uint64).tolist()
     return [new if given is None else given for given, new in zip(check_seeds(seed, count), drawn, strict=True)]
@@ -104,9 +106,18 @@ def check_options(options: Mapping[str, Any] | None) -> dict[str, Any] | None:
     return ours if ours or not options else None
 
 
+_FLOATS = "efd"
+"""Types of floats whose values are those of a double."""
+
+
 def check_actions(name: str, action: Any, out: Float) -> None:
-    """Write an action into `out`, or raise where it has another shape or is not finite; nothing else has happened."""
-    array = action if isinstance(action, np.ndarray) and action.dtype.kind == "f" else _numbers(name, action, out.shape)
+    """Write an action into `out`, or raise where it is not finite numbers of that shape; nothing else has happened.
+
+    Integers and floats of any width will do, as arrays or lists; truth values, text, times, complex numbers, objects,
+    records and masked arrays are none of an action's numbers.
+    """
+    plain = type(action) is np.ndarray and action.dtype.char in _FLOATS
+    array = action if plain else _numbers(name, action, out.shape)
     if array.shape != out.shape:
         raise ValueError(f"Argument `{name}` must have shape {out.shape}, but has {array.shape}")
     out[...] = array
@@ -120,7 +131,7 @@ def check_actions(name: str, action: Any, out: Float) -> None:
 
 def take_action(action: Any, out: Float, agent: str) -> None:
     """`check_actions` of one robot, quick where all is well."""
-    if isinstance(action, np.ndarray) and action.shape == out.shape == (2,) and action.dtype.kind == "f":
+    if type(action) is np.ndarray and action.shape == out.shape == (2,) and action.dtype.char in _FLOATS:
         v, w = action.tolist()
         if math.isfinite(v + w):
             out[0], out[1] = v, w
@@ -129,10 +140,19 @@ def take_action(action: Any, out: Float, agent: str) -> None:
 
 
 def _numbers(name: str, action: Any, shape: tuple[int, ...]) -> Float:
+    """An action of any other form as floats."""
+    inside = action if isinstance(action, list | tuple) else ()
+    masked = any(isinstance(part, np.ma.MaskedArray) for part in (action, *inside))
     try:
-        return np.asarray(action, np.float64)
-    except (TypeError, ValueError):
-        raise ValueError(f"Argument `{name}` must be numbers of shape {shape}, but is {action!r}") from None
+        array = np.asarray(action)
+    except (TypeError, ValueError):  # lists of unlike lengths, arrays on other devices
+        array = np.empty(0, np.object_)
+    if masked or array.dtype.kind not in "iuf":
+        form = f"an array of {array.dtype}" if isinstance(action, np.ndarray) else quote(action)
+        given = "masked" if masked else form
+        raise ValueError(f"Argument `{name}` must be numbers of shape {shape}, but is {given}")
+    with np.errstate(over="ignore"):  # what is too large for a float becomes infinite, which is refused
+        return array.astype(np.float64)
 
 
 def check_state(name: str, state: Any, like: Any, count: int) -> None:

@@ -23,10 +23,26 @@ WRONG_ACTIONS: dict[str, tuple[Any, str]] = {
     "a matrix": ([[0.0, 0.0]], r"must have shape \(2,\), but has \(1, 2\)"),
     "a number": (0.5, r"must have shape \(2,\), but has \(\)"),
     "words": (["fast", "left"], r"must be numbers of shape \(2,\), but is \['fast', 'left'\]"),
-    "nothing": (None, r"must have shape \(2,\), but has \(\)"),
+    "nothing": (None, r"must be numbers of shape \(2,\), but is None"),
     "an object": (object(), r"must be numbers of shape \(2,\), but is <object"),
     "ragged": ([[0.0], [0.0, 1.0]], r"must be numbers of shape \(2,\), but is"),
     "complex": ([1j, 0.0], r"must be numbers of shape \(2,\), but is"),
+    "complex array": (np.zeros(2, np.complex64), r"must be numbers of shape \(2,\), but is an array of complex64"),
+    "masked": (np.ma.masked_array([0.0, 0.5], [True, False]), r"must be numbers of shape \(2,\), but is masked"),
+    "masked, nothing hidden": (np.ma.masked_array([0.0, 0.5]), r"must be numbers of shape \(2,\), but is masked"),
+    "masked integers": (np.ma.masked_array([0, 1], [True, False]), r"must be numbers of shape \(2,\), but is masked"),
+    "durations": (np.zeros(2, "m8[s]"), r"must be numbers of shape \(2,\), but is an array of timedelta64"),
+    "dates": (np.zeros(2, "M8[D]"), r"must be numbers of shape \(2,\), but is an array of datetime64"),
+    "numbers as text": (np.array(["0.1", "1"]), r"must be numbers of shape \(2,\), but is an array of <U3"),
+    "numbers as bytes": (np.array([b"0", b"1"]), r"must be numbers of shape \(2,\), but is an array of \|S1"),
+    "list of text": (["0.1", "1"], r"must be numbers of shape \(2,\), but is \['0.1', '1'\]"),
+    "objects": (np.array([0.5, 1.0], object), r"must be numbers of shape \(2,\), but is an array of object"),
+    "truth values": (np.array([True, False]), r"must be numbers of shape \(2,\), but is an array of bool"),
+    "list of truth values": ([True, False], r"must be numbers of shape \(2,\), but is \[True, False\]"),
+    "records": (np.zeros(2, [("v", "f8")]), r"must be numbers of shape \(2,\), but is an array of \[\('v', '<f8'\)\]"),
+    "a mapping": ({"v": 1.0}, r"must be numbers of shape \(2,\), but is \{'v': 1.0\}"),
+    "too large for a float": (np.array([0.0, np.finfo(np.longdouble).max]), r"must be finite, but is"),
+    "huge integers": ([0, 10**5000], r"must be numbers of shape \(2,\), but is <list>"),
 }
 
 
@@ -68,6 +84,17 @@ def test_wrong_actions(name: str, parallel: Any, single: Any) -> None:
     assert turns.agent_selection == "robot_a"
     turns.step(np.zeros(2))
     assert turns.agent_selection == "robot_b"
+
+
+@pytest.mark.parametrize("kind", ["i1", "u2", "i4", "u8", "f2", "f4", ">f4", "f8", "g", list, tuple])
+def test_numbers_of_any_width_are_actions(kind: Any, parallel: Any) -> None:
+    """At every width the same action gives the same observation."""
+    shown = []
+    for form in ("f8", kind):
+        action = kind([1, 0]) if form is kind and isinstance(kind, type) else np.array([1, 0], form)
+        parallel.reset(seed=1)
+        shown.append(parallel.step({"robot_a": action, "robot_b": action})[0]["robot_a"])
+    np.testing.assert_array_equal(*shown)
 
 
 def test_joint_action_has_four_entries(joint: Any) -> None:
@@ -146,7 +173,25 @@ def test_drawing_before_the_first_reset() -> None:
         env.close()
 
 
-@pytest.mark.parametrize("seed", [-1, 1.5, "1", True, np.float64(2.0), [1]])
+@pytest.mark.parametrize(
+    "seed",
+    [
+        -1,
+        1.5,
+        3.0,
+        "1",
+        "a",
+        b"1",
+        True,
+        np.True_,
+        np.array(True),
+        np.float64(2.0),
+        np.array(3.0),
+        np.array(-1),
+        [1],
+        1j,
+    ],
+)
 def test_wrong_seeds(seed: Any, parallel: Any, joint: Any) -> None:
     for env in (parallel, joint):
         with pytest.raises(
@@ -155,7 +200,9 @@ def test_wrong_seeds(seed: Any, parallel: Any, joint: Any) -> None:
             env.reset(seed=seed)
 
 
-@pytest.mark.parametrize("seed", [0, np.int64(5), np.uint8(7), 2**63 + 1, 2**64 - 1, 2**64, 2**200])
+@pytest.mark.parametrize(
+    "seed", [0, np.int64(5), np.uint8(7), np.array(3), np.array(4, np.uint16), 2**63 + 1, 2**64 - 1, 2**64, 2**200]
+)
 def test_any_other_seed_is_taken(seed: Any, parallel: Any, joint: Any) -> None:
     for env in (parallel, joint):
         first, _ = env.reset(seed=seed)
