@@ -74,7 +74,7 @@ def _environment(sequence: Path) -> Path:
         for entry in entries if isinstance(entries, list) else []:
             if isinstance(entry, dict) and entry.get("name") == sequence.name and "landmarks" in entry:
                 return folder / f"environment_{entry['landmarks']}.csv"
-    found = sorted([*folder.glob("environment_*.csv"), *folder.glob("environment_*.csv.gz")])
+    found = sorted({path.with_name(path.name.removesuffix(".gz")) for path in folder.glob("environment_*.csv*")})
     if len(found) != 1:
         raise LogError(folder, f"must hold the tags' positions (one environment_*.csv), but holds {len(found)}")
     return found[0]
@@ -202,8 +202,9 @@ def read_starloc(
     seen = np.zeros((1, count, 1, points), dtype=np.bool_)
     sensed = np.full((count, 1, points), np.nan)
     sample = np.searchsorted(time, stamp)
-    with np.errstate(divide="ignore"):
-        stereo = np.where(disparity > 0.0, calibration["fu"] * calibration["b"] / disparity, np.nan) * rays[:, 2]
+    with np.errstate(divide="ignore", over="ignore"):
+        stereo = np.where(disparity > 0.0, calibration["fu"] * calibration["b"] / disparity * rays[:, 2], np.nan)
+    stereo[~(stereo <= limits.distance)] = np.nan  # no depth can be told
     for m, track in enumerate(tracks):
         k = sample[track.rows]
         image[0, k, 0, m] = rays[track.rows, :2] / rays[track.rows, 2:]
