@@ -57,9 +57,12 @@ def _calibration(path: Path) -> dict[str, float]:
     values = {}
     for name in ("fu", "fv", "cu", "cv", "b"):
         value = data.get(name) if isinstance(data, dict) else None
-        if isinstance(value, bool) or not isinstance(value, int | float) or (name in ("fu", "fv", "b") and value <= 0):
+        low = 1.0 / LIMITS.distance if name in ("fu", "fv", "b") else -LIMITS.distance
+        if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= LIMITS.distance:
             raise LogError(
-                path, f"`{name}` must be a finite number (focal lengths and baseline positive), but is {value!r}"
+                stored(path),
+                f"`{name}` must be a finite number (focal lengths and baseline positive) of at most "
+                f"{LIMITS.distance:g} in size, but is {value!r}",
             )
         values[name] = float(value)
     return values
@@ -147,7 +150,7 @@ def read_starloc(
     source = folder / DETECTIONS
     columns = _read_columns(source, NEEDED)
     columns.check({"time_s": "stamp", "cam_x": "place", "cam_y": "place", "cam_z": "place"}, limits)
-    columns.check(dict.fromkeys(("left_u", "left_v", "right_u", "right_v"), "number"), limits)
+    columns.check(dict.fromkeys(("left_u", "left_v", "right_u", "right_v", *POSE[3:]), "number"), limits)
     columns.check_whole("apriltag_id")
     stamp, tag = columns["time_s"], columns["apriltag_id"]
     calibration = _calibration(folder / "calib.json")
