@@ -74,7 +74,7 @@ def read_log(path: str | Path, limits: Limits = LIMITS) -> Log:
         velocity=velocity,
         start=start,
         configuration=_field(head, data, "configuration", (dict,)),
-        warnings=(*(map(str, data.get("warnings") or ())), *odd),
+        warnings=(*_texts(head, data, "warnings"), *odd),
     )
 
 
@@ -175,6 +175,11 @@ def _names(path: Path, data: Mapping[str, Any], key: str) -> tuple[str, ...]:
         but = "a name is there twice" if wrong is None else f"one is {_short(wrong)}"
         raise LogError(path, f"`{key}` must be list of distinct names, but {but}")
     return tuple(_name(path, key, name) for name in names)
+
+
+def _texts(path: Path, data: Mapping[str, Any], key: str) -> tuple[str, ...]:
+    """Return a list of texts that may be missing."""
+    return tuple(_name(path, key, words) for words in _field(path, {key: [], **data}, key, (list,)))
 
 
 def _field(path: Path, data: Mapping[str, Any], name: str, kinds: tuple[type, ...], within: str = "") -> Any:

@@ -57,9 +57,12 @@ def _calibration(path: Path) -> dict[str, float]:
     values = {}
     for name in ("fu", "fv", "cu", "cv", "b"):
         value = data.get(name) if isinstance(data, dict) else None
-        if isinstance(value, bool) or not isinstance(value, int | float) or (name in ("fu", "fv", "b") and value <= 0):
+        low = 1.0 / LIMITS.distance if name in ("fu", "fv", "b") else -LIMITS.distance
+        if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= LIMITS.distance:
             raise LogError(
-                path, f"`{name}` must be a finite number (focal lengths and baseline positive), but is {value!r}"
+                stored(path),
+                f"`{name}` must be a finite number (focal lengths and baseline positive) of at most "
+                f"{LIMITS.distance:g} in size, but is {value!r}",
             )
         values[name] = float(value)
     return values
@@ -74,7 +77,7 @@ def _environment(sequence: Path) -> Path:
         for entry in entries if isinstance(entries, list) else []:
             if isinstance(entry, dict) and entry.get("name") == sequence.name and "landmarks" in entry:
                 return folder / f"environment_{entry['landmarks']}.csv"
-    found = sorted([*folder.glob("environment_*.csv"), *folder.glob("environment_*.csv.gz")])
+    found = sorted({path.with_name(path.name.removesuffix(".gz")) for path in folder.glob("environment_*.csv*")})
     if len(found) != 1:
         raise LogError(folder, f"must hold the tags' positions (one environment_*.csv), but holds {len(found)}")
     return found[0]
@@ -147,7 +150,7 @@ def read_starloc(
     source = folder / DETECTIONS
     columns = _read_columns(source, NEEDED)
     columns.check({"time_s": "stamp", "cam_x": "place", "cam_y": "place", "cam_z": "place"}, limits)
-    columns.check(dict.fromkeys(("left_u", "left_v", "right_u", "right_v"), "number"), limits)
+    columns.check(dict.fromkeys(("left_u", "left_v", "right_u", "right_v", *POSE[3:]), "number"), limits)
     columns.check_whole("apriltag_id")
     stamp, tag = columns["time_s"], columns["apriltag_id"]
     calibration = _calibration(folder / "calib.json")
@@ -202,8 +205,9 @@ def read_starloc(
     seen = np.zeros((1, count, 1, points), dtype=np.bool_)
     sensed = np.full((count, 1, points), np.nan)
     sample = np.searchsorted(time, stamp)
-    with np.errstate(divide="ignore"):
-        stereo = np.where(disparity > 0.0, calibration["fu"] * calibration["b"] / disparity, np.nan) * rays[:, 2]
+    with np.errstate(divide="ignore", over="ignore"):
+        stereo = np.where(disparity > 0.0, calibration["fu"] * calibration["b"] / disparity * rays[:, 2], np.nan)
+    stereo[~(stereo <= limits.distance)] = np.nan  # no depth can be told
     for m, track in enumerate(tracks):
         k = sample[track.rows]
         image[0, k, 0, m] = rays[track.rows, :2] / rays[track.rows, 2:]

@@ -12,7 +12,7 @@ from relloc_env.logs.errors import LogError
 
 MAGIC = b"\x1f\x8b"
 """First bytes of a file that gzip made."""
-LARGEST = 2**30
+LARGEST = 2**29
 """[bytes] greatest size of a compressed file's content: a small file may hold very much of one character."""
 DIGITS = 300
 """Longest whole number in JSON that a float can hold."""
@@ -30,10 +30,7 @@ def read_text(path: Path) -> str:
     try:
         data = path.read_bytes()
         if data.startswith(MAGIC):
-            with gzip.open(BytesIO(data)) as file:
-                data = file.read(LARGEST + 1)
-            if len(data) > LARGEST:
-                raise LogError(path, f"must hold at most {LARGEST} bytes, but holds more")
+            data = _unpack(path, data)
         text = data.decode("utf-8-sig")
     except FileNotFoundError:
         raise LogError(path, "file not found") from None
@@ -48,6 +45,17 @@ def read_text(path: Path) -> str:
     if not text.strip():
         raise LogError(path, "is empty")
     return text
+
+
+def _unpack(path: Path, packed: bytes) -> bytes:
+    """Return what gzip packed, piece by piece: a small file may hold very much."""
+    data = bytearray()
+    with gzip.open(BytesIO(packed)) as file:
+        while piece := file.read(2**20):
+            data += piece
+            if len(data) > LARGEST:
+                raise LogError(path, f"must hold at most {LARGEST} bytes, but holds more")
+    return bytes(data)
 
 
 def read_json(path: Path) -> Any:
