@@ -15,7 +15,7 @@ from relloc_env.samples import Bool, Rows, Sharing
 if TYPE_CHECKING:
     from relloc_env.envs.core import Core
 
-ENTRIES = ("reward", "truth", "errors", "information", "bound_sd", "prior")
+ENTRIES = ("reward", "truth", "origin", "errors", "information", "bound_sd", "prior")
 """What an `info` may hold; `reward` stands for all of `reward/<name>`, `prior` comes with a reset alone."""
 _TERMS = tuple(f"reward/{name}" for name in TERMS)
 
@@ -41,6 +41,7 @@ class Information(Sharing):
         self._num_envs, self._robots = n, core.config.robots
         wanted = {name: name in entries for name in ENTRIES}
         self._with_reward, self._with_truth, self._with_prior = wanted["reward"], wanted["truth"], wanted["prior"]
+        self._with_origin = wanted["origin"]
         self._with_errors = wanted["errors"] and not core.bare
         bound = core.config.tracks_bound
         self._with_information, self._with_bound = wanted["information"] and bound, wanted["bound_sd"] and bound
@@ -56,6 +57,8 @@ class Information(Sharing):
         info: dict[str, Any] = {}
         if self._with_truth:
             info["truth"] = {"poses": take(world.pose), "points": take(world.points)}
+        if self._with_origin:
+            info["origin"] = take(world.origin)
         if self._with_errors:
             info["errors"] = {"range": take(score.depth_error), "pose": take(score.pose_error)}
         if self._with_information:

@@ -167,7 +167,8 @@ def instant(core: "Core", n: int) -> "Instant":
     now = Instant(float(world.tick[n]) * config.sample_period, depth, position, heading, honest, excitation)
     if not config.tracks_bound:
         return now
-    ranges = bound_range_sd(score.bound[n : n + 1], world.pose[n : n + 1], world.points[n : n + 1])
+    read = (score.bound_factor, score.bound_variances, world.pose, world.points, world.origin)
+    ranges = bound_range_sd(*(part[n : n + 1] for part in read))
     square = np.trace(score.pose_covariance[n, :2, :2]) if robots > 1 else math.nan
     return now._replace(depth_bound=float(ranges.max()), position_bound=math.sqrt(square))
 
