@@ -125,7 +125,8 @@ class _Record:
             self._commands.append(np.clip(actions[..., :2], -1.0, 1.0))
         world, score = core.simulation.world, core.score
         distance = np.linalg.norm(world.points[:, None, :, :2] - world.pose[:, :, None, :2], axis=-1)
-        bound = bound_range_sd(score.bound, world.pose, world.points) / distance
+        bound = bound_range_sd(score.bound_factor, score.bound_variances, world.pose, world.points, world.origin)
+        bound /= distance
         share = np.abs(score.depth_error) / distance
         share = np.where(share < BROKEN, share, BROKEN)
         n, pair = len(distance), core.config.robots > 1

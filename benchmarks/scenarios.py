@@ -12,8 +12,9 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from relloc_env.kernels.bound import bound_reset, bound_step
+from relloc_env.kernels import bound as pcrb
 from relloc_env.kernels.information import pose_covariance
+from relloc_env.kernels.state_layout import size_of
 from relloc_env.metrics import relative_poses, wrap
 from relloc_env.samples import Bool, Float, Prior, Samples
 
@@ -144,22 +145,20 @@ def bounds(runs: Runs, scene: Scene, at: list[int]) -> Float:
     the camera heights and the scales of the odometry. Outliers tell nothing.
     """
     truth, found = runs.truth, np.zeros((len(at), len(runs.truth.points), 3, 3))
-    noise = np.full((3, 2), scene.odometry_noise)
-    noise[2] = scene.image_noise
-    extra = (1 if scene.height else 0) + (4 if scene.scale else 0)
+    odometry, image, guess = (np.full(2, sd) for sd in (scene.odometry_noise, scene.image_noise, runs.prior.depth_sd))
+    noise = pcrb.Noise(odometry, odometry, image, guess)
+    prior = pcrb.Prior(runs.prior.pose_sd, 100.0, scene.height, scene.scale, scene.scale)
     for n, count in enumerate(truth.used):
-        points, size = truth.points[n, :count], 3 * (count + 1) + extra
-        covariance, work = np.zeros((size, size)), np.zeros((2, size))
+        points, size = truth.points[n, :count], size_of(2, count, heights=scene.height > 0.0, scales=scene.scale > 0.0)
         sighted, visible = np.zeros((2, count), np.bool_), np.ascontiguousarray(runs.informative[n, :, :, :count])
-        bound_reset(
-            covariance, sighted, truth.poses[n, 0], runs.prior.pose_sd, scene.height, 100.0, scene.scale, scene.scale
-        )
-        depth_sd = np.full(2, runs.prior.depth_sd)
+        bound = pcrb.Bound(np.zeros((size, size)), np.zeros(size), sighted, np.zeros((4, size)))
         for k in range(at[-1] + 1):
-            here = (truth.poses[n, k], points, truth.heights[n], visible[k], truth.velocity[n, k], DT if k else 0.0)
-            bound_step(covariance, work, sighted, *here, noise[0], noise[1], noise[2], depth_sd, True)
+            here = pcrb.Scene(truth.poses[n, k], points, truth.heights[n], np.zeros(2))
+            if k == 0:
+                pcrb.bound_reset(bound, here, prior)
+            pcrb.bound_step(bound, here, noise, visible[k], truth.velocity[n, k], DT if k else 0.0, True)
             if k in at:
-                pose_covariance(covariance, count, truth.poses[n, k], 0, 1, found[at.index(k), n])
+                pose_covariance(bound, here, 0, 1, found[at.index(k), n])
     return found
 
 

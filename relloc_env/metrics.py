@@ -7,10 +7,11 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from relloc_env.kernels.bound import bound_reset, bound_step
-from relloc_env.kernels.information import point_covariance, pose_covariance
+from relloc_env.kernels.bound import Bound, Noise, Prior, Scene, bound_reset, bound_step
+from relloc_env.kernels.information import all_range_variances, point_covariance, pose_covariance
+from relloc_env.kernels.state_layout import size_of
 from relloc_env.samples import Bool, Estimate, Float, ordered_pairs
 
 
@@ -237,47 +238,49 @@ def trajectory_bound(
         scale_sd: [-] prior of the scales of each robot's speed and yaw rate; None: known exactly.
         unseen_sd: [m] prior of each coordinate of a point before its first sight.
         vertical: whether images have their second coordinate.
+
+    Raises:
+        ValueError: images, depths or poses that are told without any error.
     """
     samples, robots, count = np.shape(visible)
-    pairs = ordered_pairs(robots)
-    size = 3 * (count + robots - 1) + (0 if height_sd is None else robots - 1)
-    size += 0 if scale_sd is None else 2 * robots
-    covariance, work, sighted = np.zeros((size, size)), np.zeros((2, size)), np.zeros((robots, count), dtype=np.bool_)
-    guesses, image, speed, turn = (
-        np.ascontiguousarray(np.broadcast_to(np.asarray(sd, dtype=np.float64), robots))
-        for sd in (depth_sd, image_sd, speed_sd, turn_sd)
+    pairs, size = (
+        ordered_pairs(robots),
+        size_of(robots, count, heights=height_sd is not None, scales=scale_sd is not None),
     )
-    prior: NDArray[np.float64] = np.asarray(pose_sd, dtype=np.float64)
-    bound_reset(covariance, sighted, poses[0], prior, height_sd or 0.0, unseen_sd, *(scale_sd or ()))
+    noise = Noise(*(
+        np.ascontiguousarray(np.broadcast_to(np.asarray(sd, dtype=np.float64), robots))
+        for sd in (speed_sd, turn_sd, image_sd, depth_sd)
+    ))  # fmt: skip
+    prior = Prior(
+        np.asarray(pose_sd, dtype=np.float64), float(unseen_sd), float(height_sd or 0.0), *(scale_sd or (0.0, 0.0))
+    )
+    for name, sd in (("image_sd", noise.image_sd), ("depth_sd", noise.depth_sd), ("pose_sd", prior.pose_sd)):
+        if not np.all(sd > 0.0):
+            raise ValueError(f"Argument `{name}` must be above 0, but is {sd.tolist()}")
+    sighted = np.zeros((robots, count), dtype=np.bool_)
+    bound, origin = Bound(np.zeros((size, size)), np.zeros(size), sighted, np.zeros((4, size))), poses[0, 0, :2].copy()
+    bound_reset(bound, Scene(poses[0], points, camera_heights, origin), prior)
     result = TrajectoryBound(np.zeros((samples, len(pairs), 3, 3)), np.zeros((samples, robots, count, 3, 3)))
     for s in range(samples):
-        here = (poses[s], points, camera_heights, visible[s], velocity[s], period[s])
-        bound_step(covariance, work, sighted, *here, speed, turn, image, guesses, vertical)
+        scene = Scene(poses[s], points, camera_heights, origin)
+        bound_step(bound, scene, noise, visible[s], velocity[s], period[s], vertical)
         for p, (a, b) in enumerate(pairs):
-            pose_covariance(covariance, count, poses[s], a, b, result.pose[s, p])
+            pose_covariance(bound, scene, a, b, result.pose[s, p])
         for robot in range(robots):
             for i in range(count):
-                point_covariance(covariance, poses[s], points, robot, i, result.points[s, robot, i])
+                point_covariance(bound, scene, robot, i, result.points[s, robot, i])
     return result
 
 
-def bound_range_sd(bound: Float, poses: Float, points: Float) -> Float:
+def bound_range_sd(factor: Float, variances: Float, poses: Float, points: Float, origin: Float) -> Float:
     """Standard deviation of the horizontal range of each point from each robot, by the bound, [m] (N, R, M).
 
     Args:
-        bound: (N, D, D) covariances, in the coordinates of `relloc_env.kernels.bound`.
+        factor, variances: (N, D, D) and (N, D), as in `relloc_env.kernels.bound`.
         poses: [m, m, rad] (N, R, 3) true poses, {W}.
         points: [m] (N, M, 3) true points, {W}.
+        origin: [m] (N, 2) what the bound is about, {W}.
     """
-    robots, count = poses.shape[1], points.shape[1]
-    to = points[:, None, :, :2] - poses[:, :, None, :2]
-    unit = to / np.linalg.norm(to, axis=-1, keepdims=True)
-    row = np.zeros((*to.shape[:3], bound.shape[-1]))
-    for i in range(count):
-        row[:, :, i, 3 * i : 3 * i + 2] = unit[:, :, i]
-    for k in range(1, robots):
-        t = 3 * (count + k - 1)
-        row[:, k, :, t : t + 2] = -unit[:, k]
-        row[:, k, :, t + 2] = unit[:, k, :, 0] * points[..., 1] - unit[:, k, :, 1] * points[..., 0]
-    variance: Float = np.einsum("nrmd,nde,nrme->nrm", row, bound, row)
+    variance = np.zeros((*poses.shape[:2], points.shape[1]))
+    all_range_variances(factor, variances, poses, points, origin, variance)
     return np.sqrt(variance)

@@ -16,9 +16,10 @@ from relloc_env.ends import end_action
 from relloc_env.kernels._compile import inlined, kernel
 from relloc_env.kernels.camera import view
 from relloc_env.kernels.elementary import sin_cos
-from relloc_env.kernels.information import excitation
+from relloc_env.kernels.information import LEAST_RANGE, excitation
 from relloc_env.kernels.lanes import W, natural, workspace
 from relloc_env.kernels.motion import wrap_angle
+from relloc_env.kernels.state_layout import size_of
 
 TERMS: Mapping[str, str] = {
     "excitation": "least over the targets of the excitation gained, the integral of v²(x² + y²) over the action [m²/s]",
@@ -44,8 +45,10 @@ CHANGE, DEPTH_DECREASE, POSE_DECREASE = range(9, len(TERMS))
 class Score(NamedTuple):
     """What the truth says about the last action and so far; C-contiguous arrays, N first."""
 
-    bound: Any
-    """(N, D, D) covariance of the bound (`kernels.bound`); D = 0 where it is not tracked."""
+    bound_factor: Any
+    """(N, D, D) L of the bound's covariance Lᵀ D L (`kernels.bound`); D = 0 where it is not tracked."""
+    bound_variances: Any
+    """(N, D) the diagonal of D."""
     sighted: Any
     """(N, R, M) whether a target was measured since the start."""
     depth_information: Any
@@ -73,9 +76,10 @@ BOUND_FIELDS = Score._fields.index("depth_error")
 def make_score(config: EnvConfig, num_envs: int) -> Score:
     """Empty arrays."""
     n, r, m = num_envs, config.robots, config.targets
-    d = 3 * (m + r - 1) if config.tracks_bound else 0
+    d = size_of(r, m) if config.tracks_bound else 0
     return Score(
-        bound=np.zeros((n, d, d)),
+        bound_factor=np.zeros((n, d, d)),
+        bound_variances=np.zeros((n, d)),
         sighted=np.zeros((n, r, m), np.bool_),
         depth_information=np.zeros((n, r)),
         pose_information=np.zeros(n),
@@ -132,7 +136,7 @@ def _range_error(t, p, q, s, width):
         d_x, d_y = t[q + i] - t[p + i + _X], t[q + i + W] - t[p + i + _Y]
         true = np.sqrt(d_x * d_x + d_y * d_y)
         error = 1.0 / max(t[s + i + _RHO], 1e-6) - true if t[s + i + _KNOWN] != 0.0 else np.inf
-        t[s + i + _ERROR], t[s + i + _SHARE] = error, min(1.0, abs(error) / true)
+        t[s + i + _ERROR], t[s + i + _SHARE] = error, min(1.0, abs(error) / max(true, LEAST_RANGE))
 
 
 @kernel

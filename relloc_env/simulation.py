@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 
 OPTIONS = ("poses", "points")
 """What `options` of a reset may fix."""
+GRID = 1000.0
+"""[m] Origins are multiples of this, so that worlds around (0, 0) keep their own coordinates."""
 
 
 class Simulation(Sharing):
@@ -53,6 +55,7 @@ class Simulation(Sharing):
             pending=np.zeros((n, r, 3)),
             command=np.zeros((n, r, 2)),
             points=np.zeros((n, m, 3)),
+            origin=np.zeros((n, 2)),
             fixed_poses=np.full((n, r, 3), np.nan),
             fixed_points=np.full((n, m, 3), np.nan),
             guess_depth=np.ones((n, r, m)),
@@ -112,6 +115,7 @@ class Simulation(Sharing):
                 "No start was found that meets the conditions of `start` (distances, separation, all targets in view): "
                 "make the arena larger, the conditions wider, or fix `poses` and `points`"
             )
+        self.world.origin[rows] = GRID * np.round(self.world.pose[rows, 0, :2] / GRID)
         if self.eyes is not None:
             self.eyes.start(self.world, self.first, self.first_truth, rows, thread)
 

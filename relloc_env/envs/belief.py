@@ -7,13 +7,15 @@ import numpy as np
 from relloc_env.bound import UNSEEN_SD, read_bound
 from relloc_env.config import EnvConfig
 from relloc_env.envs.core import Core
+from relloc_env.kernels.bound import factorise
+from relloc_env.kernels.state_layout import point_of, twist_of
 from relloc_env.metrics import wrap
 from relloc_env.rewards import BOUND_FIELDS
 from relloc_env.samples import Bool, Estimate, Float, Rows
 
 AWAY = 1e3
 """[m] where points are put of which nothing is known: nobody sees them."""
-_MOVING = ("pose", "velocity", "wheels", "command", "points", "visible", "blocked")
+_MOVING = ("pose", "velocity", "wheels", "command", "points", "origin", "visible", "blocked")
 """Fields of `World` from which the motion goes on."""
 
 
@@ -108,12 +110,13 @@ class BeliefModel:
         Points are those of robot A, the pose that of each other robot in {A}; worlds must be as it believes them.
         """
         core, copies = self.core, self.copies
-        world, bound = core.simulation.world, core.score.bound
-        pose, points = world.pose[::copies], world.points[::copies]
+        world, score = core.simulation.world, core.score
+        pose, points, origin = world.pose[::copies], world.points[::copies], world.origin[::copies]
         cos, sin = np.cos(pose[:, 0, 2]), np.sin(pose[:, 0, 2])
         turn = np.zeros((self.num_envs, 3, 3))
         turn[:, 0, 0], turn[:, 0, 1], turn[:, 1, 0], turn[:, 1, 1], turn[:, 2, 2] = cos, -sin, sin, cos, 1.0
-        count, every = points.shape[1], np.zeros((self.num_envs, *bound.shape[1:]))
+        count, robots = points.shape[1], pose.shape[1]
+        every = np.zeros((self.num_envs, *score.bound_factor.shape[1:]))
         for i in range(count):
             beta, eta, rho = np.moveaxis(estimate.points[:, 0, i], -1, 0)
             r = 1.0 / np.maximum(rho, 1e-3)
@@ -129,20 +132,24 @@ class BeliefModel:
             by = turn @ by
             known = estimate.known[:, 0, i, None, None]
             wide = UNSEEN_SD**2 * np.eye(3)
-            part = slice(3 * i, 3 * i + 3)
+            part = slice(point_of(robots, i), point_of(robots, i + 1))
             every[:, part, part] = np.where(
                 known, by @ estimate.points_covariance[:, 0, i] @ np.swapaxes(by, 1, 2), wide
             )
-        for k in range(1, pose.shape[1]):
+        for k in range(1, robots):
             # R δr = rho + J r theta: the twist from the pose's error.
             by = turn.copy()
-            by[:, 0, 2], by[:, 1, 2] = pose[:, k, 1], -pose[:, k, 0]
-            t = 3 * (count + k - 1)
-            every[:, t : t + 3, t : t + 3] = by @ estimate.pose_covariance[:, k - 1] @ np.swapaxes(by, 1, 2)
-        _spread(every, bound, copies)
+            by[:, 0, 2], by[:, 1, 2] = pose[:, k, 1] - origin[:, 1], origin[:, 0] - pose[:, k, 0]
+            part = slice(twist_of(k), twist_of(k + 1))
+            every[:, part, part] = by @ estimate.pose_covariance[:, k - 1] @ np.swapaxes(by, 1, 2)
+        factor, variances = np.zeros_like(every), np.zeros(every.shape[:2])
+        for n in range(self.num_envs):
+            factorise(every[n], factor[n], variances[n])
+        _spread(factor, score.bound_factor, copies)
+        _spread(variances, score.bound_variances, copies)
         core.score.sighted[:] = np.repeat(estimate.known, copies, axis=0)
         kept: tuple[Any, ...] = core.score[:BOUND_FIELDS]
-        places: tuple[Any, ...] = (world.pose, world.points, core.everyone)
+        places: tuple[Any, ...] = (world.pose, world.points, world.origin, core.everyone)
         read_bound(*kept, *places)
 
     def branch(self, other: "BeliefModel") -> None:
@@ -150,7 +157,7 @@ class BeliefModel:
         mine, theirs = self.core, other.core
         for name in _MOVING:
             _spread(getattr(theirs.simulation.world, name), getattr(mine.simulation.world, name), self.copies)
-        for name in ("bound", "sighted", "depth_information", "pose_information", "pose_covariance", "worst_sd"):
+        for name in mine.score._fields[:BOUND_FIELDS]:
             _spread(getattr(theirs.score, name), getattr(mine.score, name), self.copies)
 
     def step(self, actions: Float) -> None:

@@ -16,6 +16,7 @@ from relloc_env.envs.precompile import compile_kernels
 from relloc_env.envs.threads import LEAST, check_threads, parts, run
 from relloc_env.estimators.protocol import Estimator
 from relloc_env.kernels.lanes import flat, width_of
+from relloc_env.kernels.world import World
 from relloc_env.rewards import BOUND_FIELDS, make_score, score_action, weights
 from relloc_env.samples import Bool, Float, Float32, Rows, Sharing, copy_sample
 from relloc_env.simulation import Simulation
@@ -170,8 +171,14 @@ class Core(Sharing):
         simulation, world, score = self.simulation, self.simulation.world, self.score
         estimate = self.onboard.estimate
         self._bound = score[:BOUND_FIELDS]
-        self._sight = (world.pose, world.points, simulation.truth.pose, simulation.truth.visible)
-        self._first_sight = (world.pose, world.points, simulation.first_truth.pose, simulation.first_truth.visible)
+        self._sight = (world.pose, world.points, world.origin, simulation.truth.pose, simulation.truth.visible)
+        self._first_sight = (
+            world.pose,
+            world.points,
+            world.origin,
+            simulation.first_truth.pose,
+            simulation.first_truth.visible,
+        )
         written = (score.terms, score.depth_error, score.pose_error, score.believed, self.reward, self.last_action)
         truth = (world.points, world.collided, world.blocked)
         believed, heights = (estimate.points, estimate.known, estimate.pose), self._known.camera_heights
@@ -192,16 +199,19 @@ class Core(Sharing):
         )  # fmt: skip
 
     def states(self) -> Float32:
-        """All that matters, the truth included, as one vector (N, S) per environment; for centralised critics."""
+        """All that matters, the truth included, as one vector (N, S) per environment; for centralised critics.
+
+        Poses and points are about `World.origin`, so that float32 holds their digits.
+        """
         world = self.simulation.world
-        parts = (world.pose, world.velocity, world.points, world.visible, self.observation)
+        parts = (*_local(world, slice(None)), world.visible, self.observation)
         found = np.concatenate([part.reshape(self.num_envs, -1) for part in parts], axis=1, dtype=np.float32)
         return found.clip(-STATE_BOUND, STATE_BOUND, out=found)
 
     def state(self, n: int) -> Float32:
         """The line of `states` of environment n."""
         world = self.simulation.world
-        parts = (world.pose[n], world.velocity[n], world.points[n], world.visible[n], self.observation[n])
+        parts = (*_local(world, n), world.visible[n], self.observation[n])
         found = np.concatenate([np.asarray(part, np.float32).ravel() for part in parts])
         return found.clip(-STATE_BOUND, STATE_BOUND, out=found)
 
@@ -244,6 +254,14 @@ class Core(Sharing):
         """Raise where the estimator is an object of the user's own: it was made for this number of environments."""
         if self.own_estimator:
             raise ConfigError("An environment with an estimator object of one's own cannot be cloned: give its name")
+
+
+def _local(world: World, which: int | slice) -> tuple[Float, Float, Float]:
+    """Poses, velocities and points of some environments, places about the local origin."""
+    pose, points, origin = world.pose[which].copy(), world.points[which].copy(), world.origin[which][..., None, :]
+    pose[..., :2] -= origin
+    points[..., :2] -= origin
+    return pose, world.velocity[which], points
 
 
 def _open_pictures(config: EnvConfig, threads: int) -> "Pictures | None":

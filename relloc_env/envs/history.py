@@ -108,7 +108,8 @@ def _live(core: "Core", n: int) -> Raw:
         live |= {"depth_error": score.depth_error, "pose_error": score.pose_error}
         live |= {f"estimate.{name}": array for name, array in estimate._asdict().items()}
     if config.tracks_bound:
-        live |= {"bound": score.bound, "pose_bound": score.pose_covariance}
+        live |= {"bound_factor": score.bound_factor, "bound_variances": score.bound_variances}
+        live |= {"origin": world.origin, "pose_bound": score.pose_covariance}
     if config.tracks_bound or not core.bare:
         live["points"] = world.points
     return {name: array[n : n + 1] for name, array in live.items()}
@@ -134,7 +135,8 @@ def instants(core: "Core", raw: Raw) -> "Instant":
     now = Instant(raw["tick"] * config.sample_period, depth, position, heading, consistency, excitation)
     if not config.tracks_bound:
         return now
-    ranges = bound_range_sd(raw["bound"], raw["pose"], raw["points"])
+    parts = ("bound_factor", "bound_variances", "pose", "points", "origin")
+    ranges = bound_range_sd(*(raw[name] for name in parts))
     square = np.trace(raw["pose_bound"][:, :2, :2], axis1=1, axis2=2) if robots > 1 else none[:, 0]
     return now._replace(depth_bound=ranges.max(axis=(1, 2)), position_bound=np.sqrt(square))
 

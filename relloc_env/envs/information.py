@@ -24,6 +24,7 @@ Source = Callable[[Any], NDArray[Any] | None]
 SOURCES: dict[str, Source] = {
     "truth/poses": lambda core: core.simulation.world.pose,
     "truth/points": lambda core: core.simulation.world.points,
+    "origin": lambda core: core.simulation.world.origin,
     "errors/range": lambda core: None if core.bare else core.score.depth_error,
     "errors/pose": lambda core: None if core.bare else core.score.pose_error,
     "information/depth": lambda core: core.score.depth_information if core.config.tracks_bound else None,

@@ -121,8 +121,8 @@ class Cascade(Sharing):
         """Take the K samples in, in order."""
         if samples is not self._checked:
             check_samples(samples, *self._estimate.known.shape)
-            self._checked = samples
             self._handle = kernels.hold(self._state, self._setup, self._estimate, samples)
+            self._checked = samples  # last: another thread goes on from here
         if not self.trusted:
             check_rows(rows, len(self._state.sample))
             check_finite(samples, rows)

@@ -2,16 +2,21 @@
 
 The bound is the covariance of an extended Kalman filter linearised at the truth (docs/equations.md, section 5). A
 smooth change of coordinates leaves it as it is, so it is kept in coordinates in which nothing moves: errors relative
-to robot A (index 0), in the axes of the world,
+to robot A (index 0), in the axes of the world, about a local origin,
 
-- point i: R(theta_A) δq_i with q_i the point in {A}, and δh_i, its height above A's camera;
 - robot k > 0: the twist (rho, theta) of its pose relative to A, R(theta_A) δr_k = rho + J r_k theta with r_k in {W};
+- point i: R(theta_A) δq_i with q_i the point in {A}, and δh_i, its height above A's camera;
 - where camera heights are not exact, robot k > 0: δd_k, the height of A's camera above that of k;
 - where the scale of the odometry is not exact, every robot: δk_v, δk_w, the scales of its speed and its yaw rate.
 
 The transition is then the identity, whatever the motion, but for errors of scale, which move the poses; odometry noise
-adds to the covariance and measurements reduce it. The state is in this order, 3 M + 3 (R - 1) numbers, R - 1 more where
+adds to the covariance and measurements reduce it. The state is in this order, 3 (R - 1) + 3 M numbers, R - 1 more where
 camera heights are not exact and 2 R more where scales are not.
+
+The covariance is kept as factors, P = U D Uᵀ with U unit upper triangular and D diagonal (G. J. Bierman, Factorization
+Methods for Discrete Sequential Estimation, Academic Press 1977, chapters III and V). Measurements shrink D by factors
+and noise adds to it, so that it stays positive; the variance of h x is the sum over k of d_k (Uᵀ h)_k², which keeps its
+digits where those of P itself cancel.
 
 What the bound knows: the depth of a point to `depth_sd` for each robot, from its first sight on (infinite: no such
 guess); the pose prior of every robot in {A}; odometry with white noise, and no error of scale or a constant one that is
@@ -20,9 +25,129 @@ network).
 """
 
 import math
+from typing import Any, NamedTuple
 
-from relloc_env.kernels._compile import kernel
-from relloc_env.kernels.motion import sinc
+from relloc_env.kernels._compile import inlined, kernel
+from relloc_env.kernels.elementary import sin_cos
+from relloc_env.kernels.state_layout import height_of, point_of, scales_of, twist_of
+
+LEAST_DEPTH = 1e-3
+"""[m] depth of a point that is nearer than this, for the bound: at a depth of 0 an image has no place."""
+
+
+class Bound(NamedTuple):
+    """The bound of one environment, changed in place."""
+
+    factor: Any
+    """(D, D) U: unit upper triangular, ones and zeros written out."""
+    variances: Any
+    """(D,) the diagonal of D."""
+    sighted: Any
+    """(R, M) whether a robot has seen a point yet."""
+    work: Any
+    """(4, D) scratch."""
+
+
+class Scene(NamedTuple):
+    """Where everything really is."""
+
+    poses: Any
+    """[m, m, rad] (R, 3) of the robots, {W}."""
+    points: Any
+    """[m] (M, 3) {W}."""
+    camera_heights: Any
+    """[m] (R,) {W}."""
+    origin: Any
+    """[m] (2,) a place within some kilometres that the bound's twists are about, the same at each call, {W}."""
+
+
+class Noise(NamedTuple):
+    """What the bound is told about measurements."""
+
+    speed_sd: Any
+    """[m/s] (R,) of the odometry of each sample."""
+    turn_sd: Any
+    """[rad/s] (R,)"""
+    image_sd: Any
+    """[-] (R,) of each image coordinate; above 0."""
+    depth_sd: Any
+    """[m] (R,) of each robot's guess of a depth at first sight; infinite: none."""
+
+
+class Prior(NamedTuple):
+    """What the bound is told at the start."""
+
+    pose_sd: Any
+    """[m, m, rad] (3,) of the pose of each robot k > 0 in {A}."""
+    unseen_sd: float
+    """[m] of each coordinate of a point before anyone has seen it."""
+    height_sd: float = 0.0
+    """[m] of each height difference of cameras, where the state has room for them."""
+    speed_scale_sd: float = 0.0
+    """[-] of the scales of the odometry, where the state has room for them."""
+    turn_scale_sd: float = 0.0
+    """[-]"""
+
+
+@kernel
+def bound_reset(bound, scene, prior):
+    """Start the bound of one environment, before its first images.
+
+    With rho = R δr - J r theta (R = R(theta_A)), the last column of U for a twist is [-J r, 1]; the others are those of
+    the two variances of δr, turned by R.
+
+    Args:
+        bound: `Bound`, written.
+        scene: `Scene`.
+        prior: `Prior`.
+    """
+    factor, variances, (robots, count), size = bound.factor, bound.variances, bound.sighted.shape, bound.factor.shape[0]
+    factor[:] = 0.0
+    bound.sighted[:] = False
+    for i in range(size):
+        factor[i, i] = 1.0
+        variances[i] = prior.unseen_sd * prior.unseen_sd
+    sin, cos = sin_cos(scene.poses[0, 2])
+    along, across, turn = prior.pose_sd[0] ** 2, prior.pose_sd[1] ** 2, prior.pose_sd[2] ** 2
+    for k in range(1, robots):
+        t = twist_of(k)
+        x, y = scene.poses[k, 0] - scene.origin[0], scene.poses[k, 1] - scene.origin[1]
+        variances[t + 1] = sin * sin * along + cos * cos * across
+        variances[t] = along * across / variances[t + 1]
+        variances[t + 2] = turn
+        factor[t, t + 1] = cos * sin * (along - across) / variances[t + 1]
+        factor[t, t + 2], factor[t + 1, t + 2] = y, -x
+        d = height_of(size, robots, count, k)
+        if d > 0:
+            variances[d] = prior.height_sd * prior.height_sd
+    for k in range(robots):
+        s = scales_of(size, robots, count, k)
+        if s > 0:
+            variances[s] = prior.speed_scale_sd * prior.speed_scale_sd
+            variances[s + 1] = prior.turn_scale_sd * prior.turn_scale_sd
+
+
+@kernel
+def factorise(covariance, factor, variances):
+    """Factor P = U D Uᵀ, from the last column to the first.
+
+    What is not positive, as in a covariance that lost its digits, becomes 1e-15 of its variance.
+
+    Args:
+        covariance: (D, D) symmetric, positive on its diagonal; undefined afterwards.
+        factor, variances: of `Bound`, written.
+    """
+    for j in range(variances.shape[0]):
+        variances[j] = 1e-15 * covariance[j, j]
+    factor[:] = 0.0
+    for j in range(variances.shape[0] - 1, -1, -1):
+        factor[j, j] = 1.0
+        variances[j] = max(variances[j], covariance[j, j])
+        for i in range(j):
+            factor[i, j] = covariance[i, j] / variances[j]
+        for i in range(j):
+            for k in range(i + 1):
+                covariance[k, i] -= factor[k, j] * factor[i, j] * variances[j]
 
 
 @kernel
@@ -33,252 +158,224 @@ def _arc_noise(theta, v, lateral, w, dt):
     and left at mid-heading, `theta` [rad] is the heading at the end.
     """
     a = 0.5 * w * dt
-    s = sinc(a)
-    slope = -a / 3.0 if abs(a) < 1e-4 else (math.cos(a) - s) / a
-    cos, sin = math.cos(theta - a), math.sin(theta - a)
+    sin_a, cos_a = sin_cos(a)
+    s = 1.0 - a * a / 6.0 if abs(a) < 1e-4 else sin_a / a
+    slope = -a / 3.0 if abs(a) < 1e-4 else (cos_a - s) / a
+    sin, cos = sin_cos(theta - a)
     half = 0.5 * dt * dt
     along, across = half * (slope * v - s * lateral), half * (slope * lateral + s * v)
     return dt * s * cos, dt * s * sin, along * cos - across * sin, along * sin + across * cos
 
 
 @kernel
-def _scales(covariance, robots, count):
-    """First index of the scales in the state; 0 where they are exact."""
-    size = covariance.shape[0]
-    return size - 2 * robots if size - 3 * (count + robots - 1) >= 2 * robots else 0
+def _twist(points, robots, robot, origin, moved, out):
+    """Write what an error of the motion of a robot does to the state.
 
-
-@kernel
-def bound_reset(covariance, sighted, poses, pose_sd, height_sd, unseen_sd, speed_scale_sd=0.0, turn_scale_sd=0.0):
-    """Start the bound of one environment, before its first images.
+    That of robot k > 0 is a change of its own twist; that of A, with the sign reversed, of everything, as everything is
+    told relative to A.
 
     Args:
-        covariance: (D, D) the bound, written; D as above.
-        sighted: (R, M) whether a robot has seen a point yet, written.
-        poses: [m, m, rad] (R, 3) true poses, {W}.
-        pose_sd: [m, m, rad] (3,) prior of the pose of each robot k > 0 in {A}.
-        height_sd: [m] prior of each height difference of cameras, where D has room for them.
-        unseen_sd: [m] prior of each coordinate of a point before anyone has seen it.
-        speed_scale_sd, turn_scale_sd: [-] prior of the scales of the odometry, where D has room for them.
+        points: of `Scene`.
+        robots: R.
+        robot: index k, place [m] (x, y) {W}.
+        origin: [m] (x, y) {W}
+        moved: [m, m, rad] displacement, {W}, and turn.
+        out: (D,) written.
     """
-    covariance[:] = 0.0
-    sighted[:] = False
-    robots, count = sighted.shape
-    for i in range(3 * count):
-        covariance[i, i] = unseen_sd * unseen_sd
-    cos, sin = math.cos(poses[0, 2]), math.sin(poses[0, 2])
-    along, across, turn = pose_sd[0] ** 2, pose_sd[1] ** 2, pose_sd[2] ** 2
-    for k in range(1, robots):
-        t = 3 * (count + k - 1)
-        x, y = poses[k, 0], poses[k, 1]
-        covariance[t, t] = cos * cos * along + sin * sin * across + y * y * turn
-        covariance[t + 1, t + 1] = sin * sin * along + cos * cos * across + x * x * turn
-        covariance[t + 2, t + 2] = turn
-        covariance[t, t + 1] = covariance[t + 1, t] = cos * sin * (along - across) - x * y * turn
-        covariance[t, t + 2] = covariance[t + 2, t] = y * turn
-        covariance[t + 1, t + 2] = covariance[t + 2, t + 1] = -x * turn
-    for i in range(3 * (count + robots - 1), covariance.shape[0]):
-        covariance[i, i] = height_sd * height_sd
-    scales = _scales(covariance, robots, count)
-    if scales > 0:
-        for k in range(robots):
-            covariance[scales + 2 * k, scales + 2 * k] = speed_scale_sd * speed_scale_sd
-            covariance[scales + 2 * k + 1, scales + 2 * k + 1] = turn_scale_sd * turn_scale_sd
-
-
-@kernel
-def _twist(work, poses, points, k, v_x, v_y, w_x, w_y, turn):
-    """Write what two errors of the motion of robot k, at its place, do to the state into the rows of `work`.
-
-    Args:
-        work: (2, D) scratch, written from `begin` to `end`.
-        poses, points: as of `bound_move`.
-        k: the robot.
-        v_x, v_y: [m] displacement by the first error, {W}; it does not turn.
-        w_x, w_y, turn: [m, m, rad] displacement and turn by the second.
-
-    Returns:
-        (begin, end): the part of the state that is moved.
-    """
-    count, robots = points.shape[0], poses.shape[0]
-    begin = 0 if k == 0 else 3 * (count + k - 1)
-    end = 3 * (count + robots - 1) if k == 0 else begin + 3
-    w_x, w_y = w_x + turn * poses[k, 1], w_y - turn * poses[k, 0]
-    for i in range(begin, end, 3):
-        work[0, i], work[0, i + 1], work[0, i + 2] = v_x, v_y, 0.0
-        work[1, i], work[1, i + 1], work[1, i + 2] = w_x, w_y, turn
+    (k, x, y), (d_x, d_y, turn), (o_x, o_y) = robot, moved, origin
+    rho_x, rho_y = d_x + turn * (y - o_y), d_y - turn * (x - o_x)
+    for i in range(out.shape[0]):
+        out[i] = 0.0
+    for other in range(1, robots):
+        if k in (0, other):
+            t = twist_of(other)
+            out[t], out[t + 1], out[t + 2] = rho_x, rho_y, turn
     if k == 0:
-        for i in range(count):
-            work[1, 3 * i] -= turn * points[i, 1]
-            work[1, 3 * i + 1] += turn * points[i, 0]
-            work[1, 3 * i + 2] = 0.0
-    return begin, end
+        for i in range(points.shape[0]):
+            p = point_of(robots, i)
+            out[p], out[p + 1] = rho_x - turn * (points[i, 1] - o_y), rho_y + turn * (points[i, 0] - o_x)
 
 
 @kernel
-def _move_by_scales(covariance, work, poses, points, velocity, dt, scales):
-    """Move the poses by the errors of scale, P = F P Fᵀ; `scales` is their first index, the rest as of `bound_move`."""
-    for k in range(poses.shape[0]):
+def _add(factor, variances, work, end, variance_a, variance_b):
+    """P += variance_a a aᵀ + variance_b b bᵀ, with a and b the first rows of `work` (4, D), undefined afterwards.
+
+    The update of Agee and Turner (Bierman 1977, theorem III.3.1), from the last row of U to the first, for both vectors
+    in one sweep. From `end` on, a and b are zero.
+    """
+    for i in range(end - 1, -1, -1):
+        a, b = work[0, i], work[1, i]
+        for k in range(end - 1, i, -1):
+            a -= work[0, k] * factor[i, k]
+            between = factor[i, k] + work[2, k] * a
+            b -= work[1, k] * between
+            factor[i, k] = between + work[3, k] * b
+        work[0, i], work[1, i], work[2, i], work[3, i] = a, b, 0.0, 0.0
+        if a != 0.0 or b != 0.0:
+            first = variances[i] + variance_a * a * a
+            second = first + variance_b * b * b
+            work[2, i], variance_a = variance_a * a / first, variance_a * variances[i] / first
+            work[3, i], variance_b = variance_b * b / second, variance_b * first / second
+            variances[i] = second
+
+
+@kernel
+def _move_by_scales(bound, scene, velocity, dt):
+    """Move the poses by the errors of scale, P = F P Fᵀ with F = 1 + G [v, w] [δk_v, δk_w]; as of `bound_move`.
+
+    The scales come last in the state, so that F U is as triangular as U.
+    """
+    factor, work, points, (robots, count) = bound.factor, bound.work, scene.points, bound.sighted.shape
+    origin, first = (scene.origin[0], scene.origin[1]), scales_of(factor.shape[0], robots, count, 0)
+    for k in range(robots):
+        at, robot = scales_of(factor.shape[0], robots, count, k), (k, scene.poses[k, 0], scene.poses[k, 1])
         v, lateral, w = velocity[k, 0], velocity[k, 1], velocity[k, 2]
-        e_x, e_y, w_x, w_y = _arc_noise(poses[k, 2], v, lateral, w, dt)
-        c_x, c_y = v * e_x - lateral * e_y, v * e_y + lateral * e_x
-        begin, end = _twist(work, poses, points, k, c_x, c_y, w * w_x, w * w_y, w * dt)
-        at = scales + 2 * k
-        for i in range(begin, end):
-            for j in range(covariance.shape[0]):
-                covariance[i, j] += work[0, i] * covariance[at, j] + work[1, i] * covariance[at + 1, j]
-        for i in range(begin, end):
-            for j in range(covariance.shape[0]):
-                covariance[j, i] += work[0, i] * covariance[j, at] + work[1, i] * covariance[j, at + 1]
+        e_x, e_y, w_x, w_y = _arc_noise(scene.poses[k, 2], v, lateral, w, dt)
+        along = (v * e_x - lateral * e_y, v * e_y + lateral * e_x, 0.0)
+        _twist(points, robots, robot, origin, along, work[0])
+        _twist(points, robots, robot, origin, (w * w_x, w * w_y, w * dt), work[1])
+        for i in range(first):
+            for j in range(at, factor.shape[0]):
+                factor[i, j] += work[0, i] * factor[at, j] + work[1, i] * factor[at + 1, j]
 
 
-@kernel
-def bound_move(covariance, work, poses, points, velocity, dt, speed_sd, turn_sd):
+@inlined
+def bound_move(bound, scene, noise, velocity, dt):
     """Add the odometry noise of one sample: P += G diag(speed_sd², turn_sd²) Gᵀ for each robot.
 
-    Before that, where the state has scales, P = F P Fᵀ with F = 1 + G [v, w] [δk_v, δk_w].
-    Noise moves the estimated end of the arc by a twist. That of robot k > 0 adds to its own twist; that of A, with
-    the sign reversed, to everything, as everything is told relative to A.
+    Before that, where the state has scales, the errors of scale move the poses. Noise moves the estimated end of the
+    arc by a twist.
 
     Args:
-        covariance: (D, D) the bound, changed.
-        work: (2, D) scratch.
-        poses: [m, m, rad] (R, 3) true poses at the end of the sample, {W}.
-        points: [m] (M, 3) true points, {W}.
+        bound: `Bound`, changed.
+        scene: `Scene` at the end of the sample.
+        noise: `Noise`.
         velocity: [m/s, m/s, rad/s] (R, 3) true forward, lateral (left) and yaw rate over the sample.
         dt: [s] length of the sample.
-        speed_sd, turn_sd: [m/s, rad/s] (R,) noise of the odometry of each sample.
     """
-    count, robots = points.shape[0], poses.shape[0]
-    scales = _scales(covariance, robots, count)
-    if scales > 0:
-        _move_by_scales(covariance, work, poses, points, velocity, dt, scales)
+    if dt == 0.0:
+        return
+    factor, variances, work, (robots, count) = bound.factor, bound.variances, bound.work, bound.sighted.shape
+    if scales_of(factor.shape[0], robots, count, 0) > 0:
+        _move_by_scales(bound, scene, velocity, dt)
+    poses, points, origin = scene.poses, scene.points, (scene.origin[0], scene.origin[1])
+    speed_sd, turn_sd = noise.speed_sd, noise.turn_sd
     for k in range(robots):
-        turn = turn_sd[k] * dt
+        robot = (k, poses[k, 0], poses[k, 1])
         v_x, v_y, w_x, w_y = _arc_noise(poses[k, 2], velocity[k, 0], velocity[k, 1], velocity[k, 2], dt)
-        v_x, v_y, w_x, w_y = speed_sd[k] * v_x, speed_sd[k] * v_y, turn_sd[k] * w_x, turn_sd[k] * w_y
-        begin, end = _twist(work, poses, points, k, v_x, v_y, w_x, w_y, turn)
-        for i in range(begin, end):
-            a, b = work[0, i], work[1, i]
-            for j in range(begin, end):
-                covariance[i, j] += a * work[0, j] + b * work[1, j]
+        _twist(points, robots, robot, origin, (v_x, v_y, 0.0), work[0])
+        _twist(points, robots, robot, origin, (w_x, w_y, dt), work[1])
+        end = point_of(robots, count) if k == 0 else twist_of(k + 1)
+        _add(factor, variances, work, end, speed_sd[k] * speed_sd[k], turn_sd[k] * turn_sd[k])
 
 
 @kernel
-def indices(covariance, robots, count, robot):
-    """First index of a robot's twist and that of its height difference in the state; 0 where it has none."""
-    if robot == 0:
-        return 0, 0
-    end = 3 * (count + robots - 1)
-    heights = (covariance.shape[0] - end) % (2 * robots) > 0
-    return 3 * (count + robot - 1), (end + robot - 1 if heights else 0)
+def point_error(factor, p, t, d, at, out):
+    """Write E U for the error e = E x of a point relative to a robot, in the axes of the world.
 
-
-@kernel
-def _correct(covariance, work, p, t, d, p_x, p_y, a_0, a_1, variance_a, b_0, b_1, b_2, variance_b):
-    """Take in two measurements with rows (a_0, a_1, 0) and (b_0, b_1, b_2) on the error of a point seen by a robot.
-
-    That error is e = δ(point) - rho - J (point) theta and δh + δd, in the axes of the world. With W = P Hᵀ L⁻ᵀ and
-    L Lᵀ = H P Hᵀ + diag(variance_a, variance_b), P -= W Wᵀ, which keeps P symmetric to the bit.
+    e = δ(point) - rho - J (point) theta, and δh + δd. The covariance of e is out D outᵀ.
 
     Args:
-        covariance, work: (D, D) the bound, changed; (2, D) scratch.
-        p, t, d: first index of the point, and `indices` of the robot.
-        p_x, p_y: [m] the point, {W}.
-        a_0, ..., variance_b: rows and variances of the two measurements.
+        factor: of `Bound`.
+        p, t, d: `point_of`, `twist_of`, `height_of`; the robot has no twist where t < 0, no height where d = 0.
+        at: [m] (x, y) of the point about the origin.
+        out: (≥ 3, D) written.
     """
-    size = covariance.shape[0]
-    for j in range(size):
-        e_0, e_1, e_2 = covariance[p, j], covariance[p + 1, j], covariance[p + 2, j]
-        if t > 0:
-            turn = covariance[t + 2, j]
-            e_0 += p_y * turn - covariance[t, j]
-            e_1 -= p_x * turn + covariance[t + 1, j]
-            if d > 0:
-                e_2 += covariance[d, j]
-        work[0, j] = a_0 * e_0 + a_1 * e_1
-        work[1, j] = b_0 * e_0 + b_1 * e_1 + b_2 * e_2
-    u_0, u_1 = work[0, p], work[0, p + 1]
-    w_0, w_1, w_2 = work[1, p], work[1, p + 1], work[1, p + 2]
-    if t > 0:
-        u_0 += p_y * work[0, t + 2] - work[0, t]
-        u_1 -= p_x * work[0, t + 2] + work[0, t + 1]
-        w_0 += p_y * work[1, t + 2] - work[1, t]
-        w_1 -= p_x * work[1, t + 2] + work[1, t + 1]
-        if d > 0:
-            w_2 += work[1, d]
-    aa = a_0 * u_0 + a_1 * u_1 + variance_a
-    ab = a_0 * w_0 + a_1 * w_1
-    bb = b_0 * w_0 + b_1 * w_1 + b_2 * w_2 + variance_b
-    ratio = ab / aa
-    scale_a, scale_b = 1.0 / math.sqrt(aa), 1.0 / math.sqrt(bb - ratio * ab)
-    for j in range(size):
-        work[1, j] = scale_b * (work[1, j] - ratio * work[0, j])
-        work[0, j] = scale_a * work[0, j]
-    for i in range(size):
-        a, b = work[0, i], work[1, i]
-        for j in range(size):
-            covariance[i, j] -= a * work[0, j] + b * work[1, j]
+    x, y = at
+    for k in range(factor.shape[0]):
+        out[0, k], out[1, k], out[2, k] = factor[p, k], factor[p + 1, k], factor[p + 2, k]
+    if t >= 0:
+        for k in range(factor.shape[0]):
+            out[0, k] += y * factor[t + 2, k] - factor[t, k]
+            out[1, k] -= x * factor[t + 2, k] + factor[t + 1, k]
+    if d > 0:
+        for k in range(factor.shape[0]):
+            out[2, k] += factor[d, k]
 
 
 @kernel
-def bound_measure(covariance, work, sighted, poses, points, camera_heights, visible, image_sd, depth_sd, vertical):
+def _correct(factor, variances, work, row_a, row_b, variance_a, variance_b):
+    """Take in two measurements, rows a · e and b · e of the error that `point_error` left in `work`.
+
+    Bierman's update (1977, theorem V.3.1): f = Uᵀ h, alpha_k = variance + sum of d_j f_j² for j <= k, d_k *=
+    alpha_{k-1} / alpha_k, column k of U -= f_k / alpha_{k-1} times the gain so far. Both go in one sweep: f of the
+    second changes by the first as another row of U would.
+
+    Args:
+        factor, variances: of `Bound`, changed.
+        work: (4, D) E U; then scratch.
+        row_a, row_b: three numbers each.
+        variance_a, variance_b: of the measurements' noise.
+    """
+    alpha_a, alpha_b, inverse_a, inverse_b, product = variance_a, variance_b, 1.0 / variance_a, 1.0 / variance_b, 0.0
+    for k in range(variances.shape[0]):
+        x, y, h, d = work[0, k], work[1, k], work[2, k], variances[k]
+        a, b = row_a[0] * x + row_a[1] * y + row_a[2] * h, row_b[0] * x + row_b[1] * y + row_b[2] * h
+        gain_a, step_a, before = d * a, a * inverse_a, alpha_a
+        alpha_a += a * gain_a
+        inverse_a = 1.0 / alpha_a
+        d *= before * inverse_a
+        b, product = b - step_a * product, product + gain_a * b
+        gain_b, step_b, before = d * b, b * inverse_b, alpha_b
+        alpha_b += b * gain_b
+        inverse_b = 1.0 / alpha_b
+        variances[k] = d * (before * inverse_b)
+        work[0, k], work[1, k], work[2, k], work[3, k] = gain_a, step_a, gain_b, step_b
+    for i in range(variances.shape[0] - 1):
+        gain_a, gain_b = work[0, i], work[2, i]
+        for k in range(i + 1, variances.shape[0]):
+            old = factor[i, k]
+            new = old - work[1, k] * gain_a
+            gain_a += work[0, k] * old
+            factor[i, k] = new - work[3, k] * gain_b
+            gain_b += work[2, k] * new
+
+
+@inlined
+def bound_measure(bound, scene, noise, visible, vertical):
     """Take in one sample of images, and the depth guess of every point that a robot sees for the first time.
 
     x = -q_y/q_x and y = -h/q_x give the rows -chi (left + x forward) and -chi (y forward, up).
 
     Args:
-        covariance: (D, D) the bound, changed.
-        work: (2, D) scratch.
-        sighted: (R, M) whether a robot has seen a point yet, updated.
-        poses: [m, m, rad] (R, 3) true poses, {W}.
-        points: [m] (M, 3) true points, {W}.
-        camera_heights: [m] (R,) of the cameras, {W}.
+        bound: `Bound`, changed.
+        scene: `Scene` at the sample.
+        noise: `Noise`.
         visible: (R, M) whether the robot has the image of the point in this sample; the point is then ahead of it.
-        image_sd: [-] (R,) noise of each image coordinate.
-        depth_sd: [m] (R,) of each robot's guess of a depth at first sight; infinite: none.
         vertical: whether the image has its second coordinate.
     """
-    count, robots = points.shape[0], poses.shape[0]
+    factor, variances, work, sighted = bound.factor, bound.variances, bound.work, bound.sighted
+    poses, points, heights, (o_x, o_y) = (
+        scene.poses,
+        scene.points,
+        scene.camera_heights,
+        (scene.origin[0], scene.origin[1]),
+    )
+    depth_sd, image_sd, (robots, count), nothing = noise.depth_sd, noise.image_sd, sighted.shape, (0.0, 0.0, 0.0)
     for k in range(robots):
-        variance = image_sd[k] * image_sd[k]
-        cos, sin = math.cos(poses[k, 2]), math.sin(poses[k, 2])
-        t, d = indices(covariance, robots, count, k)
+        variance, guess = image_sd[k] * image_sd[k], depth_sd[k] * depth_sd[k]
+        t, d = twist_of(k), height_of(factor.shape[0], robots, count, k)
         for i in range(count):
             if not visible[k, i]:
                 continue
-            p_x, p_y = points[i, 0], points[i, 1]
-            d_x, d_y = p_x - poses[k, 0], p_y - poses[k, 1]
+            sin, cos = sin_cos(poses[k, 2])
+            p, at = point_of(robots, i), (points[i, 0] - o_x, points[i, 1] - o_y)
+            d_x, d_y = points[i, 0] - poses[k, 0], points[i, 1] - poses[k, 1]
             if not sighted[k, i]:
                 sighted[k, i] = True
-                guess = depth_sd[k] * depth_sd[k]
-                _correct(covariance, work, 3 * i, t, d, p_x, p_y, cos, sin, guess, 0.0, 0.0, 0.0, 1.0)
-            chi = 1.0 / (cos * d_x + sin * d_y)
-            x = (sin * d_x - cos * d_y) * chi
-            a_0, a_1 = chi * (sin - x * cos), -chi * (cos + x * sin)
-            b_2 = -chi if vertical else 0.0
-            y = (camera_heights[k] - points[i, 2]) * chi
-            b_0, b_1 = b_2 * y * cos, b_2 * y * sin
-            _correct(covariance, work, 3 * i, t, d, p_x, p_y, a_0, a_1, variance, b_0, b_1, b_2, variance)
+                if not math.isinf(guess):
+                    point_error(factor, p, t, d, at, work)
+                    _correct(factor, variances, work, (cos, sin, 0.0), nothing, guess, 1.0)
+            chi = 1.0 / max(cos * d_x + sin * d_y, LEAST_DEPTH)
+            x, y = (sin * d_x - cos * d_y) * chi, (heights[k] - points[i, 2]) * chi
+            row_x = (chi * (sin - x * cos), -chi * (cos + x * sin), 0.0)
+            row_y = (-chi * y * cos, -chi * y * sin, -chi) if vertical else nothing
+            point_error(factor, p, t, d, at, work)
+            _correct(factor, variances, work, row_x, row_y, variance, variance)
 
 
 @kernel
-def bound_step(
-    covariance,
-    work,
-    sighted,
-    poses,
-    points,
-    camera_heights,
-    visible,
-    velocity,
-    dt,
-    speed_sd,
-    turn_sd,
-    image_sd,
-    depth_sd,
-    vertical,
-):
+def bound_step(bound, scene, noise, visible, velocity, dt, vertical):
     """`bound_move`, then `bound_measure`: one whole sample. With dt = 0 it is the first sample of an episode."""
-    bound_move(covariance, work, poses, points, velocity, dt, speed_sd, turn_sd)
-    bound_measure(covariance, work, sighted, poses, points, camera_heights, visible, image_sd, depth_sd, vertical)
+    bound_move(bound, scene, noise, velocity, dt)
+    bound_measure(bound, scene, noise, visible, vertical)

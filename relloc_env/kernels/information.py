@@ -2,11 +2,17 @@
 
 import math
 
-from relloc_env.kernels._compile import kernel
-from relloc_env.kernels.bound import indices
+import numpy as np
+
+from relloc_env.kernels._compile import inlined, kernel
+from relloc_env.kernels.bound import Bound, Scene, point_error
+from relloc_env.kernels.elementary import sin_cos
+from relloc_env.kernels.state_layout import height_of, point_of, twist_of
 
 RANGE_UNIT = 0.1
 """[m] standard deviation of the range at which the information of a point is zero."""
+LEAST_RANGE = 1e-9
+"""[m] of a point that is nearer than this the direction is that of the heading: where a robot stands, there is none."""
 
 
 @kernel
@@ -50,131 +56,166 @@ def pose_gramian(points, theta, sd, out):
 
 
 @kernel
-def pose_covariance(covariance, count, poses, a, b, out):
-    """Bound of xi, the pose of robot b in {a}.
+def _pose_rows(factor, a, b, placed, rows):
+    """Write H U (3, D) of the pose H x of robot b in {a}.
 
     To first order the twists of relative poses subtract: R(theta_a) δr = rho_b - rho_a + J r_b theta, theta = theta_b
     - theta_a.
 
     Args:
-        covariance: (D, D) the bound (`relloc_env.kernels.bound`).
-        count: number of points M.
-        poses: [m, m, rad] (R, 3) true poses, {W}.
+        factor: of `Bound`.
+        a, b: `twist_of` observer and observed robot; negative for robot A.
+        placed: cosine and sine of the heading of a, place [m] of b about the origin.
+        rows: (≥ 3, D) written.
+    """
+    cos, sin, x, y = placed
+    for k in range(factor.shape[0]):
+        rows[0, k], rows[1, k], rows[2, k] = 0.0, 0.0, 0.0
+    for robot, sign in ((a, -1.0), (b, 1.0)):
+        if robot >= 0:
+            for i in range(3):
+                for k in range(factor.shape[0]):
+                    rows[i, k] += sign * factor[robot + i, k]
+    for k in range(factor.shape[0]):
+        turn = rows[2, k]
+        d_x, d_y = rows[0, k] - y * turn, rows[1, k] + x * turn
+        rows[0, k], rows[1, k] = cos * d_x + sin * d_y, cos * d_y - sin * d_x
+
+
+@inlined
+def _placed(scene, a, b):
+    """Cosine and sine of the heading of robot a, place [m] of robot b about the origin."""
+    sin, cos = sin_cos(scene.poses[a, 2])
+    return cos, sin, scene.poses[b, 0] - scene.origin[0], scene.poses[b, 1] - scene.origin[1]
+
+
+@kernel
+def _products(variances, rows, out):
+    """Covariance out = H P Hᵀ (3, 3) of what has the rows H U (3, D)."""
+    for i in range(3):
+        for j in range(i + 1):
+            total = 0.0
+            for k in range(variances.shape[0]):
+                total += variances[k] * rows[i, k] * rows[j, k]
+            out[i, j] = out[j, i] = total
+
+
+@inlined
+def pose_covariance(bound, scene, a, b, out):
+    """Bound of xi, the pose of robot b in {a}.
+
+    Args:
+        bound, scene: `Bound`, `Scene` (`relloc_env.kernels.bound`).
         a, b: observer and observed robot.
         out: [m, m, rad] (3, 3) covariance of (r_x, r_y, theta), written.
     """
-    out[:] = 0.0
-    for k, sign_k in ((a, -1.0), (b, 1.0)):
-        for m, sign_m in ((a, -1.0), (b, 1.0)):
-            if k > 0 and m > 0:
-                for i in range(3):
-                    for j in range(3):
-                        value = covariance[3 * (count + k - 1) + i, 3 * (count + m - 1) + j]
-                        out[i, j] += sign_k * sign_m * value
-    cos, sin = math.cos(poses[a, 2]), math.sin(poses[a, 2])
-    x, y = poses[b, 0], poses[b, 1]
-    for j in range(3):
-        d_x, d_y = out[0, j] - y * out[2, j], out[1, j] + x * out[2, j]
-        out[0, j], out[1, j] = cos * d_x + sin * d_y, cos * d_y - sin * d_x
-    for j in range(3):
-        d_x, d_y = out[j, 0] - y * out[j, 2], out[j, 1] + x * out[j, 2]
-        out[j, 0], out[j, 1] = cos * d_x + sin * d_y, cos * d_y - sin * d_x
+    _pose_rows(bound.factor, twist_of(a), twist_of(b), _placed(scene, a, b), bound.work)
+    _products(bound.variances, bound.work, out)
 
 
 @kernel
-def _point_error(covariance, p, t, d, p_x, p_y, j):
-    """Covariance with state j of the error of a point relative to a robot, as in `bound`.
-
-    e = δ(point) - rho - J (point) theta, and δh + δd  ([m] three numbers).
-
-    Args:
-        covariance: (D, D) the bound.
-        p, t, d: first index of the point, and `indices` of the robot.
-        p_x, p_y: [m] the point, {W}.
-        j: index into the state.
-    """
-    e_0, e_1, e_2 = covariance[p, j], covariance[p + 1, j], covariance[p + 2, j]
-    if t > 0:
-        turn = covariance[t + 2, j]
-        e_0 += p_y * turn - covariance[t, j]
-        e_1 -= p_x * turn + covariance[t + 1, j]
-        if d > 0:
-            e_2 += covariance[d, j]
-    return e_0, e_1, e_2
-
-
-@kernel
-def point_covariance(covariance, poses, points, robot, i, out):
+def point_covariance(bound, scene, robot, i, out):
     """Bound of the point i in the body frame of a robot.
 
     Args:
-        covariance: (D, D) the bound.
-        poses: [m, m, rad] (R, 3) true poses, {W}.
-        points: [m] (M, 3) true points, {W}.
+        bound, scene: `Bound`, `Scene`.
         robot, i: whose frame, which point.
         out: [m] (3, 3) covariance of (q_x, q_y, height above the camera), written. q_x is the depth.
     """
-    p_x, p_y = points[i, 0], points[i, 1]
-    t, d = indices(covariance, poses.shape[0], points.shape[0], robot)
-    for j in range(3):
-        out[0, j], out[1, j], out[2, j] = _point_error(covariance, 3 * i, t, d, p_x, p_y, 3 * i + j)
-    if t > 0:
-        along = _point_error(covariance, 3 * i, t, d, p_x, p_y, t)
-        across = _point_error(covariance, 3 * i, t, d, p_x, p_y, t + 1)
-        turn = _point_error(covariance, 3 * i, t, d, p_x, p_y, t + 2)
-        for k in range(3):
-            out[k, 0] += p_y * turn[k] - along[k]
-            out[k, 1] -= p_x * turn[k] + across[k]
-        if d > 0:
-            e = _point_error(covariance, 3 * i, t, d, p_x, p_y, d)
-            for k in range(3):
-                out[k, 2] += e[k]
-    cos, sin = math.cos(poses[robot, 2]), math.sin(poses[robot, 2])
-    for j in range(3):
-        out[0, j], out[1, j] = cos * out[0, j] + sin * out[1, j], cos * out[1, j] - sin * out[0, j]
-    for j in range(3):
-        out[j, 0], out[j, 1] = cos * out[j, 0] + sin * out[j, 1], cos * out[j, 1] - sin * out[j, 0]
+    factor, work, (robots, count) = bound.factor, bound.work, bound.sighted.shape
+    p, t, d = point_of(robots, i), twist_of(robot), height_of(factor.shape[0], robots, count, robot)
+    at = (scene.points[i, 0] - scene.origin[0], scene.points[i, 1] - scene.origin[1])
+    sin, cos = sin_cos(scene.poses[robot, 2])
+    point_error(factor, p, t, d, at, work)
+    for k in range(factor.shape[0]):
+        x, y = work[0, k], work[1, k]
+        work[0, k], work[1, k] = cos * x + sin * y, cos * y - sin * x
+    _products(bound.variances, work, out)
+
+
+@inlined
+def range_variances(bound, scene, robot, out):
+    """Bound of the horizontal range of every point from a robot.
+
+    Args:
+        bound, scene: `Bound`, `Scene`.
+        robot: from whom.
+        out: [m²] (M,) written.
+    """
+    factor, variances, rows, poses, points = bound.factor, bound.variances, bound.work, scene.poses, scene.points
+    t, o_x, o_y = twist_of(robot), scene.origin[0], scene.origin[1]
+    for i in range(points.shape[0]):
+        p_x, p_y = points[i, 0], points[i, 1]
+        d_x, d_y = p_x - poses[robot, 0], p_y - poses[robot, 1]
+        distance = math.sqrt(d_x * d_x + d_y * d_y)
+        if distance > LEAST_RANGE:
+            u_x, u_y = d_x / distance, d_y / distance
+        else:
+            u_y, u_x = sin_cos(poses[robot, 2])
+        point_error(factor, point_of(poses.shape[0], i), t, 0, (p_x - o_x, p_y - o_y), rows)
+        total = 0.0
+        for k in range(variances.shape[0]):
+            part = u_x * rows[0, k] + u_y * rows[1, k]
+            total += variances[k] * part * part
+        out[i] = total
 
 
 @kernel
-def range_variance(covariance, poses, points, robot, i):
-    """Bound of the horizontal range of the point i from a robot, [m²]; arguments as of `point_covariance`."""
-    p_x, p_y = points[i, 0], points[i, 1]
-    d_x, d_y = p_x - poses[robot, 0], p_y - poses[robot, 1]
-    scale = 1.0 / math.sqrt(d_x * d_x + d_y * d_y)
-    u_x, u_y = scale * d_x, scale * d_y
-    t, d = indices(covariance, poses.shape[0], points.shape[0], robot)
-    total = 0.0
-    for j, weight in ((3 * i, u_x), (3 * i + 1, u_y)):
-        e_0, e_1, _ = _point_error(covariance, 3 * i, t, d, p_x, p_y, j)
-        total += weight * (u_x * e_0 + u_y * e_1)
-    if t > 0:
-        for j, weight in ((t, -u_x), (t + 1, -u_y), (t + 2, u_x * p_y - u_y * p_x)):
-            e_0, e_1, _ = _point_error(covariance, 3 * i, t, d, p_x, p_y, j)
-            total += weight * (u_x * e_0 + u_y * e_1)
-    return total
+def all_range_variances(factor, variances, poses, points, origin, out):
+    """`range_variances` of N environments and every robot.
+
+    Args:
+        factor, variances, poses, points, origin: of `Bound` and `Scene`, N first.
+        out: [m²] (N, R, M) written.
+    """
+    nothing = np.zeros(0, np.bool_).reshape(0, 0)
+    for n in range(poses.shape[0]):
+        bound = Bound(factor[n], variances[n], nothing, np.zeros((4, variances.shape[1])))
+        scene = Scene(poses[n], points[n], variances[n], origin[n])
+        for robot in range(poses.shape[1]):
+            range_variances(bound, scene, robot, out[n, robot])
 
 
-@kernel
-def pose_information(covariance, count, robot):
+@inlined
+def pose_information(bound, scene, robot):
     """J of a pair, -1/6 log det P_xi [nat of standard deviation; m and rad], for the pose of `robot` > 0 in {A}.
 
-    The change from a twist to xi has determinant 1, so the block of the bound serves as it is. det is the same for
-    the pose of A in {robot}.
+    det P_xi is the product of the squared norms, weighted by D, that Gram-Schmidt leaves of the rows of xi (C. L.
+    Thornton, 1976; Bierman 1977, theorem VI.4.1): no difference of products that nearly cancel. It is the same for the
+    pose of A in {robot}.
     """
-    t = 3 * (count + robot - 1)
-    a, b, c = covariance[t, t], covariance[t, t + 1], covariance[t, t + 2]
-    d, e, f = covariance[t + 1, t + 1], covariance[t + 1, t + 2], covariance[t + 2, t + 2]
-    return -math.log(a * (d * f - e * e) - b * (b * f - c * e) + c * (b * e - c * d)) / 6.0
+    variances, rows = bound.variances, bound.work
+    _pose_rows(bound.factor, twist_of(0), twist_of(robot), _placed(scene, 0, robot), rows)
+    return -_log_determinant(variances, rows) / 6.0
 
 
 @kernel
-def depth_information(covariance, poses, points, robot):
+def _log_determinant(variances, rows):
+    """Logarithm of det(H P Hᵀ) of what has the rows H U (3, D), which are undefined afterwards."""
+    determinant, size = 1.0, variances.shape[0]
+    for i in range(2, -1, -1):
+        norm = 0.0
+        for k in range(size):
+            norm += variances[k] * rows[i, k] * rows[i, k]
+        determinant *= norm
+        for j in range(i):
+            product = 0.0
+            for k in range(size):
+                product += variances[k] * rows[i, k] * rows[j, k]
+            share = product / norm
+            for k in range(size):
+                rows[j, k] -= share * rows[i, k]
+    return math.log(determinant)
+
+
+@kernel
+def depth_information(variances):
     """J of a robot's depths: mean over the points of -log(sd of the range / 0.1 m) [nat].
 
-    The range is horizontal (as in `Estimate`); arguments as of `point_covariance`.
+    Args:
+        variances: [m²] (M,) of the range (`range_variances`), which is horizontal, as in `Estimate`.
     """
     total = 0.0
-    for i in range(points.shape[0]):
-        total -= 0.5 * math.log(range_variance(covariance, poses, points, robot, i))
-    return total / points.shape[0] + math.log(RANGE_UNIT)
+    for i in range(variances.shape[0]):
+        total -= 0.5 * math.log(variances[i])
+    return total / variances.shape[0] + math.log(RANGE_UNIT)

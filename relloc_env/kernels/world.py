@@ -30,6 +30,8 @@ class World(NamedTuple):
     """[m/s, rad/s] (N, R, 2)"""
     points: Any
     """[m] (N, M, 3) targets in the world, z above the floor."""
+    origin: Any
+    """[m] (N, 2) whole kilometres nearest to robot A's start: where coordinates are told from that keep few digits."""
     fixed_poses: Any
     """(N, R, 3) starts that are not drawn; NaN where they are."""
     fixed_points: Any

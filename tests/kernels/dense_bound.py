@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from relloc_env.kernels import bound, information
 from relloc_env.kernels.motion import advance
+from relloc_env.kernels.state_layout import size_of
 
 Array = NDArray[Any]
 
@@ -159,40 +160,46 @@ class Bound:
 
     def __init__(self, world: World, noise: Noise) -> None:
         robots, count = len(world.poses), len(world.points)
-        size = 3 * (count + robots - 1) + (robots - 1 if noise.height > 0.0 else 0)
-        self.noise, self.sighted = noise, np.zeros((robots, count), dtype=bool)
-        self.covariance, self.work = np.zeros((size, size)), np.zeros((2, size))
-        bound.bound_reset(self.covariance, self.sighted, world.poses, POSE_SD, noise.height, noise.unseen)
+        size = size_of(robots, count, heights=noise.height > 0.0)
+        self.noise, sighted, self.origin = noise, np.zeros((robots, count), dtype=bool), world.poses[0, :2].copy()
+        self.kept = bound.Bound(np.zeros((size, size)), np.zeros(size), sighted, np.zeros((4, size)))
+        self.told = bound.Noise(
+            *(np.full(robots, sd) for sd in (noise.speed, noise.turn, noise.image)), np.array(noise.depth[:robots])
+        )
+        bound.bound_reset(self.kept, self.scene(world), bound.Prior(POSE_SD, noise.unseen, noise.height, 0.0, 0.0))
+
+    def scene(self, world: World) -> bound.Scene:
+        return bound.Scene(*world, self.origin)
 
     def step(self, world: World, visible: Array, velocity: Array, dt: float) -> None:
         """`world` is the truth after the step."""
-        noise = self.noise
-        bound.bound_step(
-            self.covariance,
-            self.work,
-            self.sighted,
-            world.poses,
-            world.points,
-            world.heights,
-            visible,
-            velocity,
-            dt,
-            np.full(len(world.poses), noise.speed),
-            np.full(len(world.poses), noise.turn),
-            np.full(len(world.poses), noise.image),
-            np.array(noise.depth),
-            noise.vertical,
-        )
+        bound.bound_step(self.kept, self.scene(world), self.told, visible, velocity, dt, self.noise.vertical)
+
+    @property
+    def covariance(self) -> Array:
+        factor = self.kept.factor
+        covariance: Array = factor @ np.diag(self.kept.variances) @ factor.T
+        return covariance
 
     def pose(self, world: World, a: int, b: int) -> Array:
         out = np.zeros((3, 3))
-        information.pose_covariance(self.covariance, len(world.points), world.poses, a, b, out)
+        information.pose_covariance(self.kept, self.scene(world), a, b, out)
         return out
 
     def point(self, world: World, robot: int, i: int) -> Array:
         out = np.zeros((3, 3))
-        information.point_covariance(self.covariance, world.poses, world.points, robot, i, out)
+        information.point_covariance(self.kept, self.scene(world), robot, i, out)
         return out
+
+    def j(self, world: World, robot: int = 1) -> float:
+        """J of the pair of A and a robot."""
+        return float(information.pose_information(self.kept, self.scene(world), robot))
+
+    def depth_j(self, world: World, robot: int) -> float:
+        """J of a robot's depths."""
+        variances = np.zeros(len(world.points))
+        information.range_variances(self.kept, self.scene(world), robot, variances)
+        return float(information.depth_information(variances))
 
 
 def ahead(world: World) -> Array:
