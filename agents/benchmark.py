@@ -15,6 +15,7 @@ from agents.jobs import Asked, Job
 from agents.playing import CURVES, SCORES, play, quartiles
 from agents.registry import agent
 from agents.results import Failure, Result, claim, done, note_failures
+from relloc_env.folders import open_folder
 from relloc_env.samples import Float
 
 BATCH = 500
@@ -34,7 +35,7 @@ def benchmark(asked: Asked, out: Path, *, cores: int | None = None, tell: Tell =
             jobs that failed.
     """
     asked.check()
-    out.mkdir(parents=True, exist_ok=True)
+    out = open_folder(out)
     claim(asked, out)
     unfit = asked.unfit()
     jobs = [job for job in asked.jobs() if job.suite not in unfit.get(job.agent, ())]

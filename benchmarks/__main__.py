@@ -8,6 +8,7 @@ import typer
 from rich.console import Console
 
 from relloc_env.extras import MissingExtraError
+from relloc_env.folders import open_folder
 
 app = typer.Typer(
     add_completion=False, no_args_is_help=True, rich_markup_mode=None, pretty_exceptions_enable=False, help=__doc__
@@ -96,7 +97,7 @@ def profile(
     from benchmarks.profile import stages, table
 
     found = stages(num_envs, seconds)
-    out.mkdir(parents=True, exist_ok=True)
+    out = open_folder(out)
     (out / "profile.json").write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
     Console().print(table(found))
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from agents.learned import read_card
 from relloc_env.extras import extra
+from relloc_env.folders import open_file
 from train.config import TrainConfig, load
 from train.folder import CONFIG, EVALUATION, POLICY
 
@@ -39,6 +40,7 @@ def curves(runs: Sequence[Path], out: Path) -> None:
     Raises:
         ValueError: a folder without evaluations.
     """
+    out = open_file(out)
     found = sorted(((load(run / CONFIG), _read(run)) for run in runs), key=lambda each: each[0].name)
     panels = [(name, list(group)) for name, group in groupby(found, key=lambda each: each[0].name)]
     with mpl.rc_context(
@@ -52,7 +54,6 @@ def curves(runs: Sequence[Path], out: Path) -> None:
             axis.set_visible(False)
         for axis, (name, group) in zip(axes, panels, strict=False):
             _panel(axis, name, group)
-        out.parent.mkdir(parents=True, exist_ok=True)
         figure.savefig(out, metadata={"Date": None} if out.suffix == ".svg" else None)
 
 

@@ -9,6 +9,7 @@ import yaml
 
 from agents.learned import POLICIES, read_card
 from relloc_env.config import ConfigError
+from relloc_env.folders import open_folder
 from train.config import TrainConfig, load
 from train.whole import write_text
 
@@ -23,7 +24,7 @@ def claim(config: TrainConfig, out: Path, command: str = "") -> None:
     Raises:
         ConfigError: it is of another run.
     """
-    out.mkdir(parents=True, exist_ok=True)
+    open_folder(out)
     path = out / CONFIG
     if path.exists():
         differ = sorted(_differing(load(path).to_dict(), config.to_dict()))

@@ -10,6 +10,7 @@ import numpy as np
 
 from relloc_env.estimators import OwnConfig, make
 from relloc_env.estimators.registry import Factory
+from relloc_env.folders import open_folder
 from relloc_env.logs import Log, LogError, read_log, read_mrclam, read_starloc
 from relloc_env.logs.episode import HEADER
 from relloc_env.logs.starloc import DETECTIONS
@@ -112,8 +113,7 @@ class ReplayResult:
 
     def save(self, out: str | Path) -> list[Path]:
         """Write replay.json, the series behind the figures (replay.npz) and the figures; return what was written."""
-        folder = Path(out)
-        folder.mkdir(parents=True, exist_ok=True)
+        folder = open_folder(out)
         results = folder / "replay.json"
         results.write_text(json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n", encoding="utf-8")
         arrays: dict[str, Any] = {}
@@ -272,6 +272,7 @@ def replay(
         several = ["cascade-critical", "cascade"] if len(logs[0].robots) == 1 else ["map-alignment", "cascade"]
         estimator = ["cascade"] if pose_model is not None else several
     chosen: list[Any] = list(estimator) if isinstance(estimator, list | tuple) else [estimator]
+    out = None if out is None else open_folder(out)
     bounds = [bound_of(log) for log in logs]
     runs: dict[str, list[Run]] = {}
     total, done = len(chosen) * len(logs), 0
