@@ -16,6 +16,7 @@ from agents.playing import CURVES, SCORES, play, quartiles
 from agents.registry import agent
 from agents.results import Failure, Result, claim, done, note_failures
 from agents.workers import pool
+from relloc_env.folders import open_folder
 from relloc_env.samples import Float
 
 BATCH = 500
@@ -35,6 +36,7 @@ def benchmark(asked: Asked, out: Path, *, cores: int | None = None, tell: Tell =
             works on, or, once all else is done, jobs that failed.
     """
     asked.check()
+    out = open_folder(out)
     with alone(out):
         return _benchmark(asked, out, cores, tell)
 

@@ -24,6 +24,7 @@ from agents.workers import pool
 from relloc_env.config import load_config
 from relloc_env.envs.centralised import RellocEnv
 from relloc_env.envs.core import ROBOT_NAMES
+from relloc_env.folders import open_folder
 from relloc_env.logs import LogError
 from relloc_env.metrics import convergence_time
 from relloc_env.replay import open_logs, replay
@@ -97,12 +98,11 @@ def run(out: Path, *, seed: int = SEED, log: Path | None = None, console: Consol
     Raises:
         LogError: the given log cannot be read.
     """
-    console, began = console or Console(), time.perf_counter()
+    out, console, began = open_folder(out), console or Console(), time.perf_counter()
     logs = find_logs(log)
     at_hand = bool(logs)
     if log is not None:
         open_logs(logs[0].path, **logs[0].options)
-    out.mkdir(parents=True, exist_ok=True)
     seeds = range(seed, seed + EPISODES)
     results: dict[str, Any] = {"version": relloc_env.__version__, "seeds": list(seeds), "scores": dict(SCORES)}
     # Replays have kernels of their own: they compile and run beside the rest.

@@ -13,7 +13,9 @@ from agents.rollout import rollout
 from relloc_env.config import EnvConfig
 from relloc_env.envs.parallel import RellocParallelEnv
 from relloc_env.envs.picture import Picture
+from relloc_env.folders import open_file
 from relloc_env.rendering import Renderer, Scene, save_animation
+from relloc_env.rendering.animation import check_animation
 from relloc_env.rendering.rerun_file import recorder
 
 EVERY = 2
@@ -54,6 +56,9 @@ def film(
     if not 1 <= len(motions) <= 2:
         raise ValueError(f"Argument `motions` must have one entry or two, but has {len(motions)}")
     configs = [config] * len(motions) if isinstance(config, EnvConfig) else config
+    rate = faster * configs[0].sample_rate / (EVERY * configs[0].samples_per_action)
+    out = check_animation(out, rate)
+    rerun = None if rerun is None else open_file(rerun, "rerun")
     episodes = [scenes(one, build, seed, title) for one, (title, build) in zip(configs, motions.items(), strict=True)]
     alone = len(episodes) == 1
     with recorder(rerun) as write:
@@ -66,8 +71,6 @@ def film(
     for instants in zip(*(episode[::EVERY] for episode in episodes), strict=True):
         drawn = [panel.draw(scene) for panel, scene in zip(panels, instants, strict=True)]
         frames.append(np.concatenate([picture for picture in drawn if picture is not None], axis=1))
-    rate = faster / (episodes[0][EVERY].time - episodes[0][0].time)
-    out.parent.mkdir(parents=True, exist_ok=True)
     save_animation(frames + frames[-1:] * round(PAUSE * rate), out, rate)
 
 

@@ -9,6 +9,7 @@ from rich.console import Console
 from relloc_env.console import lenient
 from relloc_env.extras import MissingExtraError
 from relloc_env.files import write_json
+from relloc_env.folders import open_folder
 
 app = typer.Typer(
     add_completion=False, no_args_is_help=True, rich_markup_mode=None, pretty_exceptions_enable=False, help=__doc__
@@ -97,7 +98,7 @@ def profile(
     from benchmarks.profile import stages, table
 
     found = stages(num_envs, seconds)
-    out.mkdir(parents=True, exist_ok=True)
+    out = open_folder(out)
     write_json(out / "profile.json", found)
     Console().print(table(found))
 

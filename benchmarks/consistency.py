@@ -11,6 +11,7 @@ from relloc_env.envs.vector import RellocVectorEnv
 from relloc_env.estimators import make, resolve
 from relloc_env.extras import extra
 from relloc_env.files import whole, write_json
+from relloc_env.folders import open_folder
 from relloc_env.metrics import nees, nees_band, point_errors, pose_errors
 from relloc_env.samples import Float
 
@@ -77,6 +78,7 @@ def run(
     Returns:
         What `consistency.json` holds.
     """
+    out = open_folder(out)
     time, bound, courses = _simulate(runs, round(seconds / 0.5), seed, tell)
     sd = np.sqrt(np.diagonal(bound, axis1=1, axis2=2))
     results: dict[str, Any] = {
@@ -86,7 +88,6 @@ def run(
         "nees_band_95": list(nees_band(3, runs)),
         "estimators": {name: figures(time, course) for name, course in courses.items()},
     }
-    out.mkdir(parents=True, exist_ok=True)
     write_json(out / "consistency.json", results, indent=None)
     _draw(results, out / "consistency.png")
     return results

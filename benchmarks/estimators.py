@@ -14,6 +14,7 @@ from benchmarks.scenarios import DT, POINTS, Runs, Scene, bounds, draw
 from relloc_env.estimators import make
 from relloc_env.estimators.config import PRESETS, BuiltIn
 from relloc_env.files import write_json
+from relloc_env.folders import open_folder
 from relloc_env.metrics import nees, pose_errors, wrap
 from relloc_env.samples import Bool, Float, Samples
 
@@ -96,7 +97,7 @@ def run(
     for name in only or ():
         if name not in ROWS:
             raise ValueError(f"Argument `only` must be among {', '.join(ROWS)}, but has `{name}`")
-    out.mkdir(parents=True, exist_ok=True)
+    out = open_folder(out)
     names, scenes = list(only or ROWS), {name: row.scene for name, row in ROWS.items()}
     results: dict[str, Any] = {"settings": {"runs": runs, "seconds": seconds, "seed": seed}, "rows": []}
     if timed:

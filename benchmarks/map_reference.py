@@ -15,6 +15,7 @@ from benchmarks.map_graph import Episode, Noise
 from benchmarks.scenarios import DEPTH_SD, DT, PAPER_INPUTS, PAPER_POINTS, PAPER_STARTS, POSE_SD
 from relloc_env.estimators import MapAlignmentConfig, make
 from relloc_env.files import write_json
+from relloc_env.folders import open_folder
 from relloc_env.kernels.motion import advance
 from relloc_env.metrics import nees, relative_poses, trajectory_bound, whitened_error, wrap
 from relloc_env.samples import Float, Prior, Samples
@@ -83,6 +84,7 @@ def run(
     Returns:
         What the file holds: for each time, what is said of both.
     """
+    out = open_folder(out)
     drawn = simulate(runs, seconds, seed)
     times = [time for time in TIMES if time <= seconds] or [seconds]
     at = [round(time / DT) for time in times]
@@ -98,7 +100,6 @@ def run(
             "rmse": np.sqrt(np.mean(errors**2, axis=0)).tolist(),
         }
     results["bound"] = np.sqrt(np.diagonal(drawn.bound[at], axis1=1, axis2=2)).tolist()
-    out.mkdir(parents=True, exist_ok=True)
     write_json(out / "map-reference.json", results)
     return results
 

@@ -13,6 +13,7 @@ from benchmarks.figure import draw
 from benchmarks.speed import Tell, silent
 from benchmarks.targets import targets
 from relloc_env.files import write_json
+from relloc_env.folders import open_folder
 
 
 @contextmanager
@@ -48,7 +49,7 @@ def run(
             raise ValueError(f"Argument `names` must be among {', '.join(CONTENDERS)}, but has `{name}`")
     if quick:
         rounds, seconds = 2, 0.01
-    out.mkdir(parents=True, exist_ok=True)
+    out = open_folder(out)
     results: dict[str, Any] = {
         "machine": speed.machine(),
         "settings": {"rounds": rounds, "seconds": seconds, "cores": cores, "batch": BATCH, "quick": quick},

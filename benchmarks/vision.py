@@ -18,6 +18,7 @@ from relloc_env.envs.onboard import informed
 from relloc_env.envs.vector import RellocVectorEnv
 from relloc_env.estimators import make, resolve
 from relloc_env.files import write_json
+from relloc_env.folders import open_folder
 from relloc_env.metrics import nees, nees_band, pose_errors
 from relloc_env.pinhole import project
 from relloc_env.samples import Bool, Float
@@ -167,7 +168,7 @@ def run(
     Returns:
         What `vision.json` holds.
     """
-    out.mkdir(parents=True, exist_ok=True)
+    out = open_folder(out)
     noise = load_config(None, camera="image").camera_of(0).image.detection_noise
     results: dict[str, Any] = {
         "settings": {"episodes": episodes, "actions": actions, "agent": name, "noise_px": noise},

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from relloc_env.config import load_config
 from relloc_env.extras import extra
+from relloc_env.folders import open_folder
 from relloc_env.vision import make_detector
 from relloc_env.vision.sensor import Sensor
 
@@ -34,7 +35,7 @@ SCENE: Mapping[str, Any] = {"targets": 4, "obstacles": OBSTACLES}
 
 def draw(out: Path) -> list[Path]:
     """Write `vision_found.png`, `vision_hard.png` and `vision_tags.png` into a folder."""
-    out.mkdir(parents=True, exist_ok=True)
+    out = open_folder(out)
     tags = {"detector": "apriltag"}
     pictures = {
         "vision_found.png": _take({}),

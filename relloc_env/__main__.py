@@ -71,9 +71,11 @@ def replay(
 ) -> None:
     """Run estimators on a recorded log and score them: replay.json and figures."""
     with _plain_errors(), _progress() as tell:
+        from relloc_env.folders import open_file
         from relloc_env.logs import Limits
         from relloc_env.replay import replay as run
 
+        rerun = None if rerun is None else open_file(rerun, "rerun")
         pose_error = None
         if initial_pose_error is not None:
             pose_error = (*initial_pose_error[:2], math.radians(initial_pose_error[2]))

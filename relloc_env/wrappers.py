@@ -1,7 +1,6 @@
-"""Wrappers: estimator state around a bare environment; an episode written as a log."""
+"""Wrappers: estimator state around a bare environment; episodes written as logs (`RecordLog`)."""
 
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
@@ -9,7 +8,6 @@ import numpy as np
 
 from relloc_env.config import ConfigError, validate
 from relloc_env.envs.centralised import RellocEnv
-from relloc_env.envs.core import ROBOT_NAMES
 from relloc_env.envs.information import Information
 from relloc_env.envs.observation import observe, slices
 from relloc_env.envs.onboard import Onboard
@@ -17,8 +15,10 @@ from relloc_env.envs.spaces import joint_slices, joint_space
 from relloc_env.estimators.checks import check_finite, check_finite_prior
 from relloc_env.estimators.own import is_estimator
 from relloc_env.kernels.lanes import width_of
-from relloc_env.logs.episode import LogWriter
+from relloc_env.recording import RecordLog
 from relloc_env.samples import Estimate, Float32, Prior, copy_sample, empty_samples
+
+__all__ = ["EstimateObservation", "RecordLog"]
 
 _ROW = np.zeros(1, np.int64)
 
@@ -126,61 +126,3 @@ class EstimateObservation(gym.Wrapper[Any, Any, Any, Any]):
             self._lines[0, :, self._full[name]] = bare[:, self._bare[name]]
         line: Float32 = self._lines[0].flatten()
         return line
-
-
-class RecordLog(gym.Wrapper[Any, Any, Any, Any]):
-    """Write every episode as a log that `relloc_env.replay` and `python -m relloc_env replay` read.
-
-    An episode is written to `folder/episode_000`, `episode_001`, … when it ends, or when the next one starts.
-
-    Args:
-        env: an environment of this package.
-        folder: where the logs go.
-        truth: whether to write the truth beside the samples; replays need it to score.
-    """
-
-    def __init__(self, env: gym.Env[Any, Any], folder: str | Path, *, truth: bool = True) -> None:
-        super().__init__(env)
-        inner = env.unwrapped
-        if not isinstance(inner, RellocEnv):
-            raise ConfigError(f"Argument `env` must be an environment of relloc_env, but is {type(inner).__name__}")
-        self._core, self._folder, self._truth = inner.core, Path(folder), truth
-        self._configuration = inner.core.config.to_dict()
-        self._writer: LogWriter | None = None
-        self._episode = 0
-
-    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Finish the log of the last episode, if there is one, and begin the next."""
-        self._finish()
-        result = self.env.reset(seed=seed, options=options)
-        simulation = self._core.simulation
-        self._writer = LogWriter(
-            self._folder / f"episode_{self._episode:03d}",
-            simulation.prior,
-            simulation.world.points[0] if self._truth else None,
-            robots=ROBOT_NAMES[: self._core.config.robots],
-            configuration=self._configuration,
-        )
-        self._writer.add(simulation.first, simulation.first_truth.pose[0] if self._truth else None)
-        return result
-
-    def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
-        """Act, and note the samples; the log is written at the end of the episode."""
-        result = self.env.step(action)
-        if self._writer is not None:
-            simulation = self._core.simulation
-            self._writer.add(simulation.samples, simulation.truth.pose[0] if self._truth else None)
-        if result[2] or result[3]:
-            self._finish()
-        return result
-
-    def close(self) -> None:
-        """Write what is left."""
-        self._finish()
-        super().close()
-
-    def _finish(self) -> None:
-        if self._writer is not None:
-            self._writer.close()
-            self._writer = None
-            self._episode += 1

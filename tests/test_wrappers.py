@@ -10,7 +10,7 @@ import pytest
 import relloc_env  # noqa: F401 - registers the ids
 from relloc_env.config import ConfigError
 from relloc_env.estimators import make
-from relloc_env.logs import LogError, read_log
+from relloc_env.logs import read_log
 from relloc_env.replay.settings import configure
 from relloc_env.wrappers import EstimateObservation, RecordLog
 
@@ -78,8 +78,6 @@ def test_recorded_episode_replays_to_the_same_estimates(tmp_path: Path) -> None:
         *_, terminated, truncated, _ = env.step(env.action_space.sample())
         ended = terminated or truncated
     core: Any = env.unwrapped.core  # type: ignore[attr-defined]
-    with pytest.raises(LogError, match="exists already"):
-        RecordLog(gym.make(IDS[1]), tmp_path).reset()
     log = read_log(tmp_path / "episode_000")
     assert len(log) == 101
     estimator, rows = make(configure(log, "cascade-critical"), 1, 2, 2), np.zeros(1, np.int64)

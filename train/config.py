@@ -273,7 +273,12 @@ class TrainConfig(Model):
     search: dict[str, SearchConfig] = {}  # noqa: RUF012 - as above
     """what `python -m train tune` draws, by `path.to.field`."""
     film: Literal["", "gif", "mp4"] = "gif"
-    """form of the film of the best policy."""
+    """form of the film of the best policy; "" for none, as it is by default for `observation: image`."""
+
+    @field_validator("film", mode="before")
+    @classmethod
+    def _empty(cls, value: Any) -> Any:
+        return "" if value is None else value  # `film=` on a command line
 
     @field_validator("name")
     @classmethod
@@ -307,6 +312,8 @@ class TrainConfig(Model):
             raise ValueError("Argument `network.policy` must be CnnPolicy for `observation: image`, and for it alone")
         if pictures and self.normalise.observations:
             raise ValueError("Argument `normalise.observations` must be false for `observation: image`, but is true")
+        if pictures and "film" not in self.model_fields_set:
+            object.__setattr__(self, "film", "")
         if pictures and self.film:
             raise ValueError(f'Argument `film` must be "" for `observation: image`, but is {quote(self.film)}')
         if any((each.observation == "image") != pictures for each in self.played):

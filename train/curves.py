@@ -10,6 +10,7 @@ import numpy as np
 from agents.learned import read_card
 from relloc_env.extras import extra
 from relloc_env.files import whole
+from relloc_env.folders import open_file
 from train.config import TrainConfig, load
 from train.evaluation import Journal
 from train.folder import CONFIG, EVALUATION, POLICY
@@ -40,6 +41,7 @@ def curves(runs: Sequence[Path], out: Path) -> None:
     Raises:
         ValueError: a folder without evaluations.
     """
+    out = open_file(out)
     found = sorted(((load(run / CONFIG, trust=True), _read(run)) for run in runs), key=lambda each: each[0].name)
     panels = [(name, list(group)) for name, group in groupby(found, key=lambda each: each[0].name)]
     with mpl.rc_context(
@@ -53,7 +55,6 @@ def curves(runs: Sequence[Path], out: Path) -> None:
             axis.set_visible(False)
         for axis, (name, group) in zip(axes, panels, strict=False):
             _panel(axis, name, group)
-        out.parent.mkdir(parents=True, exist_ok=True)
         with whole(out) as partial:
             figure.savefig(partial, metadata={"Date": None} if out.suffix == ".svg" else None)
 

@@ -8,6 +8,7 @@ import yaml
 from agents.learned import POLICIES, read_card
 from relloc_env.config import ConfigError
 from relloc_env.files import write_json, write_whole
+from relloc_env.folders import open_folder
 from train.config import TrainConfig, load
 
 CONFIG, CHECKPOINT, EVALUATION, SCRIPTS = "config.yaml", "checkpoint.npz", "evaluation.jsonl", "scripts.json"
@@ -21,7 +22,7 @@ def claim(config: TrainConfig, out: Path, command: str = "") -> None:
     Raises:
         ConfigError: it is of another run.
     """
-    out.mkdir(parents=True, exist_ok=True)
+    open_folder(out)
     path = out / CONFIG
     if path.exists():
         differ = sorted(_differing(load(path, trust=True).to_dict(), config.to_dict()))

@@ -47,6 +47,7 @@ class Core(Sharing):
         elapsed: (N,) actions since the start.
         everyone: (N,) the indices of all environments.
         threads: on which a large batch runs; what comes out does not depend on it.
+        restored: how many times `set_state` was called.
         own_estimator: whether the estimator is an object of the user's own.
     """
 
@@ -78,6 +79,7 @@ class Core(Sharing):
         self._known, self._tracks_bound = pack_known(config), config.tracks_bound
         self._ends = pack_ends(config)
         self._limits = np.array([config.max_cycles, config.sample_period])
+        self.restored = 0
         self._motion: Float | None = np.zeros((n, r, 2)) if config.gain_names else None
         self._width = width_of(n)
         self._share()
@@ -233,6 +235,7 @@ class Core(Sharing):
 
     def set_state(self, state: Mapping[str, Any], rows: Rows) -> None:
         """Put back what `get_state` gave for as many rows of an environment of the same configuration, bit for bit."""
+        self.restored += 1
         self.simulation.set_state(state["world"], rows)
         self.onboard.set_state(state["onboard"], rows)
         for key, part in (("samples", self.simulation.samples), ("score", self.score)):

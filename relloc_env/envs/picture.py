@@ -47,12 +47,17 @@ class Picture:
         return {**self.__dict__, "_renderer": None, "_sensors": {}}
 
     def follow(self, *, new: bool = False) -> None:
-        """Note what happened in the last action (`new`: an episode starts), and refresh the window."""
+        """Note what happened in the last action (`new`: an episode starts), and refresh the window.
+
+        A window that its user closed stays closed; one that others in this process took away opens at the next start.
+        """
         if self._mode is None:
             return
         if self._history is None:
             self._history = History(self._core, self._n, self._past)
         self._history.note(new=new)
+        if new and self._renderer is not None and self._renderer.lost:
+            self.close()
         if self._mode == "human":
             self._draw()
 

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from relloc_env.folders import open_folder
 from relloc_env.paper.claim import Claim, Verdict, claims_markdown, claims_table, tally, write_claims
 
 if TYPE_CHECKING:
@@ -30,6 +31,7 @@ def reproduce(out: Path, report: Callable[[str], None] = lambda _: None, studies
     from relloc_env.paper.figures import draw_figures
     from relloc_env.paper.studies import run_studies
 
+    out = open_folder(out)
     if studies is None:
         studies = run_studies(report)
     report("claims")
@@ -40,7 +42,6 @@ def reproduce(out: Path, report: Callable[[str], None] = lambda _: None, studies
         *simulation_claims(studies),
         *experiment_claims(studies),
     ]
-    out.mkdir(parents=True, exist_ok=True)
     write_claims(claims, out)
     report("figures")
     draw_figures(studies, out)

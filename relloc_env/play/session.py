@@ -10,6 +10,7 @@ from relloc_env.config import EnvConfig, load_config
 from relloc_env.envs.core import ROBOT_NAMES, Core
 from relloc_env.envs.picture import Picture
 from relloc_env.estimators.config import PRESETS, CascadeConfig
+from relloc_env.folders import open_folder
 from relloc_env.kernels.world import Truth, World
 from relloc_env.logs.episode import LogWriter
 from relloc_env.samples import Bool, Float, Float32, Rows, Samples
@@ -47,7 +48,7 @@ class Session:
     ) -> None:
         mine: dict[str, Any] = {"action": "motion", "samples_per_action": 1, "max_cycles": 10**9, "bound": True}
         self.config = load_config(config, **{**options, **mine})
-        self.seed, self._logs = seed, None if logs is None else Path(logs)
+        self.seed, self._logs = seed, None if logs is None else open_folder(logs, "logs")
         self.written: list[Path] = []
         """Logs of the drives that are over."""
         self._names = [*ESTIMATORS]

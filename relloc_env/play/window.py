@@ -1,6 +1,5 @@
 """The window: keys and sticks in, pictures out."""
 
-import os
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any, Literal
@@ -8,6 +7,8 @@ from typing import Any, Literal
 from relloc_env.extras import extra
 from relloc_env.play.session import Session
 from relloc_env.play.sticks import Sticks
+from relloc_env.rendering.renderer import SMALLEST, Renderer
+from relloc_env.rendering.window import NoDisplayError, start_display
 
 HELP = (
     ("W A S D", "drive robot A; with shift slowly"),
@@ -39,27 +40,24 @@ class Window:
         theme: `light` or `dark`.
 
     Raises:
-        OSError: where there is no display.
+        NoDisplayError: where there is no display.
     """
 
     def __init__(
         self, session: Session, size: tuple[int, int] = (1280, 720), theme: Literal["light", "dark"] = "light"
     ) -> None:
-        os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
-        with extra("render"):
-            import pygame
-
-        from relloc_env.rendering.renderer import SMALLEST, Renderer
-
+        try:
+            pygame = start_display()
+        except NoDisplayError as error:
+            raise NoDisplayError(f"There is no display to open a window on: {error}") from error
         self._pygame, self._make, self._least = pygame, Renderer, SMALLEST
         self._session, self._size, self._theme = session, size, theme
         self._renderer = Renderer(size, theme=theme)
         self.paused, self.helping, self.closed = False, True, False
         try:
-            pygame.display.init()
             self._surface = pygame.display.set_mode(size, pygame.RESIZABLE)
         except pygame.error as error:
-            raise OSError(f"There is no display to open a window on: {error}") from error
+            raise NoDisplayError(f"There is no display to open a window on: {error}") from error
         pygame.display.set_caption("relloc_env")
         self._sticks = Sticks(session.config.robots)
         self._commands = self._keys()
@@ -67,10 +65,20 @@ class Window:
     def tick(self, samples: int = 1, watch: Callable[[Any], object] | None = None) -> None:
         """Obey what happened since the last call, drive for so many samples, and show the last.
 
+        A display that somebody else in this process stopped is a closed window.
+
         Args:
             samples: to drive for, unless paused.
             watch: called with the scene after each.
         """
+        try:
+            self._tick(samples, watch)
+        except self._pygame.error:
+            if self._pygame.display.get_surface() is not None:
+                raise
+            self.closed = True  # somebody else in this process stopped the display
+
+    def _tick(self, samples: int, watch: Callable[[Any], object] | None) -> None:
         pygame = self._pygame
         for event in pygame.event.get():
             self._sticks.take(event)
@@ -82,6 +90,7 @@ class Window:
                 self._commands[(pygame.K_SPACE, pygame.K_r, pygame.K_n, pygame.K_e)[event.button]]()
             elif event.type == pygame.VIDEORESIZE:
                 self._size = max(event.w, self._least[0]), max(event.h, self._least[1])
+                self._surface = pygame.display.get_surface()
                 self._renderer = self._make(self._size, theme=self._theme)
         if self.closed:
             return
@@ -91,7 +100,6 @@ class Window:
                 watch(self._session.scene())
         picture = self._renderer.draw(replace(self._session.scene(), notes=self._notes()))
         assert picture is not None
-        self._surface = pygame.display.get_surface()
         self._surface.blit(pygame.image.frombuffer(picture.tobytes(), self._size, "RGB"), (0, 0))
         pygame.display.flip()
 
@@ -148,7 +156,7 @@ def play(
         watch: called with the scene after every sample.
 
     Raises:
-        OSError: where there is no display.
+        NoDisplayError: where there is no display.
     """
     window = Window(session, size, theme)
     with extra("render"):

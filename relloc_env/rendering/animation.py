@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from relloc_env.extras import extra
 from relloc_env.files import whole
+from relloc_env.folders import open_file
 
 Picture = NDArray[np.uint8]
 
@@ -26,7 +27,7 @@ def save_animation(frames: Sequence[Picture], path: str | Path, fps: float = 20.
         path: file to write.
         fps: [1/s] pictures a second, at most 50 in a GIF.
     """
-    path = Path(path)
+    path = check_animation(path, fps)
     if not len(frames):
         raise ValueError("Argument `frames` must hold at least one picture, but is empty.")
     for picture in frames:
@@ -35,20 +36,28 @@ def save_animation(frames: Sequence[Picture], path: str | Path, fps: float = 20.
                 f"Argument `frames` must hold uint8 pictures of one shape (height, width, 3), but has {picture.dtype} "
                 f"of {picture.shape}."
             )
+    with whole(path) as partial:
+        save = _save_gif if path.suffix == ".gif" else _save_mp4
+        save(frames, partial, fps)
+
+
+def check_animation(path: str | Path, fps: float) -> Path:
+    """Return where an animation goes.
+
+    Raises:
+        ValueError: another ending than .gif or .mp4, or a rate that cannot be.
+        OSError: a folder that cannot be made or not be written into.
+    """
+    if Path(path).suffix not in {".gif", ".mp4"}:
+        raise ValueError(f"Argument `path` must end in .gif or .mp4, but is {str(path)!r}.")
     if not 0.0 < fps < float("inf"):
         raise ValueError(f"Argument `fps` must be positive, but is {fps}.")
-    if path.suffix == ".gif":
-        if fps > 50.0:
-            raise ValueError(f"Argument `fps` must be at most 50 in a GIF, but is {fps}.")
-        _save_gif(frames, path, fps)
-    elif path.suffix == ".mp4":
-        with whole(path) as partial:
-            _save_mp4(frames, partial, fps)
-    else:
-        raise ValueError(f"Argument `path` must end in .gif or .mp4, but is {str(path)!r}.")
+    if Path(path).suffix == ".gif" and fps > 50.0:
+        raise ValueError(f"Argument `fps` must be at most 50 in a GIF, but is {fps}.")
+    return open_file(path, "path")
 
 
-def _save_gif(frames: Sequence[Picture], path: Path, fps: float) -> None:
+def _save_gif(frames: Sequence[Picture], partial: Path, fps: float) -> None:
     with extra("render"):
         from PIL import Image
 
@@ -59,8 +68,7 @@ def _save_gif(frames: Sequence[Picture], path: Path, fps: float) -> None:
     ends = [round((k + 1) / fps / _GIF_TICK) for k in range(len(frames))]
     durations = [10 * (end - start) for start, end in zip([0, *ends], ends, strict=False)]
     first = next(pictures)
-    with whole(path) as partial:
-        first.save(partial, save_all=True, append_images=pictures, duration=durations, loop=0, optimize=False)
+    first.save(partial, save_all=True, append_images=pictures, duration=durations, loop=0, optimize=False)
 
 
 def _save_mp4(frames: Iterable[Picture], partial: Path, fps: float) -> None:

@@ -2,10 +2,10 @@
 
 import importlib.util
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +27,7 @@ _AWAY = 20000.0
 _SMALL = 60000.0
 """Area below which a translucent shape is quicker drawn pixel by pixel than through a second surface."""
 
+Made = TypeVar("Made")
 Box = tuple[float, float, float, float]
 """[px] left, top, width, height."""
 
@@ -64,6 +65,11 @@ class Canvas:
         self._letterings: dict[tuple[str, float, Colour, bool], Surface] = {}
         self._widths: dict[tuple[str, int, bool], int] = {}
         self._fonts: dict[tuple[int, bool], Font] = {}
+        self._clock = pygame.time.Clock()
+
+    def wait(self, rate: float) -> None:
+        """Wait until the next picture is due [1/s]."""
+        self._clock.tick(rate)
 
     def fill(self, colour: Colour) -> None:
         """Start a picture: one colour everywhere."""
@@ -198,7 +204,7 @@ class Canvas:
         if key not in self._widths:
             if len(self._widths) >= _LETTERINGS_KEPT:
                 self._widths.clear()
-            self._widths[key] = self._font(size, bold).size(words)[0]
+            self._widths[key] = self._with_font(size, bold, lambda font: font.size(words)[0])
         return self._widths[key]
 
     def fitting(self, words: str, size: float, width: float, *, bold: bool = False) -> float:
@@ -222,6 +228,15 @@ class Canvas:
             picture[:, :, channel] = pixels[:, :, channel]
         return picture
 
+    def _with_font(self, size: float, bold: bool, use: "Callable[[Font], Made]") -> "Made":
+        """Use a font. Where somebody stopped pygame's fonts since, they are started and opened anew."""
+        try:
+            return use(self._font(size, bold))
+        except self._pygame.error:
+            self._fonts.clear()
+            self._pygame.font.init()
+            return use(self._font(size, bold))
+
     def _font(self, size: float, bold: bool) -> "Font":
         key = (round(size), bold)
         if key not in self._fonts:
@@ -234,7 +249,7 @@ class Canvas:
         if key not in self._letterings:
             if len(self._letterings) >= _LETTERINGS_KEPT:
                 self._letterings.clear()
-            self._letterings[key] = self._font(size, bold).render(words, True, colour)
+            self._letterings[key] = self._with_font(size, bold, lambda font: font.render(words, True, colour))
         return self._letterings[key]
 
     def _near(self, place: Sequence[float], reach: float) -> bool:

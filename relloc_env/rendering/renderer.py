@@ -5,7 +5,6 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from relloc_env.extras import extra
 from relloc_env.rendering import geometry
 from relloc_env.rendering.camera_view import draw_camera, image_frame
 from relloc_env.rendering.canvas import Canvas
@@ -13,6 +12,7 @@ from relloc_env.rendering.layout import Layout, layout
 from relloc_env.rendering.scene import Scene, robot_name
 from relloc_env.rendering.strip_view import band_colour, bound_colour, draw_clock, draw_frame, draw_strip
 from relloc_env.rendering.theme import THEMES, mix
+from relloc_env.rendering.window import NoDisplayError, Window
 from relloc_env.rendering.world_view import MapFrame, draw_ground, draw_world
 
 if TYPE_CHECKING:
@@ -50,10 +50,12 @@ class Renderer:
         self.fps = fps
         self.closed = False
         """Whether the window was closed, by its user or by `close`; scenes drawn after that are not shown."""
+        self.lost = False
+        """Whether it was closed by somebody else in this process, who stopped pygame."""
         self._theme = THEMES[theme]
         self._canvas: Canvas | None = None
         self._ground: tuple[bytes, Surface] | None = None
-        self._window: Surface | None = None
+        self._window: Window | None = None
 
     def draw(self, scene: Scene) -> NDArray[np.uint8] | None:
         """Draw a scene: return it as (height, width, 3) uint8, or show it (`human`) and return None."""
@@ -67,11 +69,8 @@ class Renderer:
         """Close the window, if there is one; may be called twice."""
         self.closed = True
         if self._window is not None:
-            with extra("render"):
-                import pygame
-
+            self._window.close()
             self._window = None
-            pygame.display.quit()
 
     def _paint(self, scene: Scene) -> NDArray[np.uint8]:
         if self._canvas is None:
@@ -180,24 +179,14 @@ class Renderer:
                 canvas.text(words, (left + 0.5 * letters + keys, y), letters, theme.muted, anchor=(0.0, 0.5))
 
     def _show(self, scene: Scene) -> None:
-        with extra("render"):
-            import pygame
-
         if self._window is None:
             try:
-                pygame.display.init()
-                self._window = pygame.display.set_mode(self.size)
-            except pygame.error as error:
-                raise RuntimeError(f"Mode 'human' needs a display to open a window on: {error}.") from error
-            pygame.display.set_caption("relloc_env")
-            self._clock = pygame.time.Clock()
-        for event in pygame.event.get():
-            if event.type == pygame.QUIT or (event.type == pygame.KEYDOWN and event.key == pygame.K_ESCAPE):
-                self.close()
-                return
+                self._window = Window(self.size)
+            except NoDisplayError as error:
+                raise NoDisplayError(f"Mode 'human' needs a display to open a window on: {error}") from error
         self._paint(scene)
         assert self._canvas is not None
-        self._window.blit(self._canvas.surface, (0, 0))
-        pygame.display.flip()
-        if self.fps > 0.0:
-            self._clock.tick(self.fps)
+        self._window.show(self._canvas.surface)
+        self.closed, self.lost = self._window.closed, self._window.lost
+        if self.fps > 0.0 and not self.closed:
+            self._canvas.wait(self.fps)

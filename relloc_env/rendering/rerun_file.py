@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from relloc_env.extras import extra
 from relloc_env.files import whole
+from relloc_env.folders import open_file
 from relloc_env.rendering.camera_view import ImageFrame, draw_camera
 from relloc_env.rendering.canvas import Canvas
 from relloc_env.rendering.geometry import SIGMAS, axes, in_space
@@ -49,7 +50,7 @@ class RerunFile:
         self.path = Path(path)
         if self.path.suffix != ".rrd":
             raise ValueError(f"Argument `path` must end in .rrd, but is {str(path)!r}")
-        self.path.parent.mkdir(parents=True, exist_ok=True)
+        self.path = open_file(self.path, "path")
         self._rr, self._started = rerun, False
         self._stream = rerun.RecordingStream("relloc_env")
         self._closing = ExitStack()

@@ -13,6 +13,7 @@ from relloc_env.estimators import OwnConfig, make
 from relloc_env.estimators.checks import check_finite, check_finite_prior, trust
 from relloc_env.estimators.registry import Factory
 from relloc_env.files import whole, write_whole
+from relloc_env.folders import open_folder
 from relloc_env.logs import Limits, Log, LogError
 from relloc_env.logs.checks import LIMITS
 from relloc_env.logs.episode import HEADER
@@ -120,8 +121,7 @@ class ReplayResult:
 
     def save(self, out: str | Path) -> list[Path]:
         """Write replay.json, the series behind the figures (replay.npz) and the figures; return what was written."""
-        folder = Path(out)
-        folder.mkdir(parents=True, exist_ok=True)
+        folder = open_folder(out)
         results = folder / "replay.json"
         write_whole(results, json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n")
         arrays: dict[str, Any] = {}
@@ -245,6 +245,7 @@ def replay(
         several = ["cascade-critical", "cascade"] if len(logs[0].robots) == 1 else ["map-alignment", "cascade"]
         estimator = ["cascade"] if pose_model is not None else several
     chosen: list[Any] = list(estimator) if isinstance(estimator, list | tuple) else [estimator]
+    out = None if out is None else open_folder(out)
     try:
         bounds = [bound_of(log) for log in logs]
     except ConfigError as error:

@@ -2,6 +2,7 @@
 
 from dataclasses import fields, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -60,7 +61,7 @@ def test_the_longest_gap_is_a_limit() -> None:
 
 @pytest.mark.parametrize("shift", [1, 3, 8])
 def test_small_disorder_is_sorted_and_told(shift: int) -> None:
-    time = START + 0.1 * np.arange(30)
+    time: Any = START + 0.1 * np.arange(30)
     mixed = time.copy()
     mixed[: shift + 1] = np.roll(time[: shift + 1], 1)
     check_numbers(stamps(mixed), fail)
@@ -73,11 +74,11 @@ def test_small_disorder_is_sorted_and_told(shift: int) -> None:
 
 
 def test_large_disorder_is_an_error() -> None:
-    time = START + 0.1 * np.arange(30)
-    late = np.concatenate([time[10:12], time[:10], time[12:]])
+    time: Any = START + 0.1 * np.arange(30)
+    late: Any = np.concatenate([time[10:12], time[:10], time[12:]])
     with pytest.raises(LogError, match="line 3: time must not go back"):
         in_order(late, fail)
-    many = np.arange(60) ^ 1  # each pair of rows swapped
+    many: Any = np.arange(60) ^ 1  # each pair of rows swapped
     with pytest.raises(LogError, match=r"line 2: time must not go back.*\(like 30 other rows\)"):
         in_order(START + 0.1 * many, fail)
 
@@ -119,7 +120,7 @@ def test_limits_are_positive_numbers_and_named() -> None:
     for field in fields(Limits):
         for bad in (0.0, -1.0, np.nan, np.inf, "1"):
             with pytest.raises(ValueError, match=rf"`limits\.{field.name}` must be a positive number"):
-                Limits(**{field.name: bad})
+                Limits(**{field.name: bad})  # type: ignore[arg-type]
     for word in ("gaps=3", "gap", "gap=far", "=3"):
         with pytest.raises(ValueError, match="Argument `limit` must be"):
             Limits.of([word])

@@ -4,6 +4,7 @@ import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -99,7 +100,8 @@ def test_what_a_folder_lacks_is_named(mrclam: Path, missing: list[str], message:
 def twice(log: Log, at: list[int]) -> Log:
     """Give some stamps a second sample, as two sources have it."""
     rows = np.sort(np.append(np.arange(len(log)), at))
-    samples = type(log.samples)(*(np.ascontiguousarray(part[:, rows]) for part in log.samples))
+    parts: Any = [np.ascontiguousarray(part[:, rows]) for part in log.samples]
+    samples = type(log.samples)(*parts)
     samples.period[0, 1:][np.diff(rows) == 0] = 0.0
     truth = log.truth
     assert truth is not None
@@ -176,17 +178,3 @@ def test_results_are_put_in_place_whole(tmp_path: Path, make_log: MakeLog, monke
     after = {path.name: path.read_bytes() for path in out.iterdir()}
     assert after.keys() == before.keys()
     assert after["replay.npz"] == before["replay.npz"]
-
-
-def test_files_take_their_place_at_the_end(tmp_path: Path) -> None:
-    from relloc_env.files import whole, write_whole
-
-    target = write_whole(tmp_path / "a.txt", "one")
-    with whole(target) as partial:
-        partial.write_text("two", "utf-8")
-        assert partial.suffix == ".txt"
-        assert target.read_text("utf-8") == "one"
-    assert target.read_text("utf-8") == "two"
-    assert list(tmp_path.iterdir()) == [target]
-    write_whole(target, b"\x00")
-    assert target.read_bytes() == b"\x00"
