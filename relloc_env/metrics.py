@@ -7,7 +7,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from relloc_env.kernels.bound import Bound, Noise, Prior, Scene, bound_reset, bound_step
 from relloc_env.kernels.information import all_range_variances, point_covariance, pose_covariance
