@@ -18,8 +18,10 @@ UNSEEN_SD = 100.0
 """[m] what the bound knows of a target before its first image."""
 LEAST_IMAGE_SD = 1e-4
 """[-] image noise of the bound where the camera has less: a bound of zero has no logarithm."""
-LEAST_SD, GREATEST_SD = 1e-6, 1e9
-"""[m], [rad], [m/s], [rad/s], [-] between these the bound takes priors and noise, as a factor beyond has no digits."""
+LEAST_SD = 1e-6
+"""[m], [rad] standard deviation of priors that are told with less."""
+GREATEST_SD = 1e9
+"""[m], [rad], [m/s], [rad/s], [-] standard deviation of priors and noise that are told with more."""
 
 
 class Known(NamedTuple):
