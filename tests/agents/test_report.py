@@ -22,6 +22,7 @@ from agents.report import cells, figures, report
 from agents.report.films import film
 from agents.report.summary import NEVER, summarise
 from agents.results import load, of
+from relloc_env import numerals
 from tests.agents.conftest import tiny
 
 pytestmark = pytest.mark.usefixtures("tiny_suites")
@@ -246,10 +247,10 @@ def test_curves_are_the_medians(results):
 
 
 def test_numbers():
-    assert [cells.number(v, 2) for v in (1.234, -0.5, 123.4, 25200.0, np.inf, np.nan)] == [
+    assert [numerals.number(v, 2) for v in (1.234, -0.5, 123.4, 25200.0, np.inf, np.nan)] == [
         "1.23", "−0.50", "123", "3e4", "never", "–",
     ]  # fmt: skip
-    assert cells.number(0.5, 2, sign=True) == "+0.50"
+    assert numerals.number(0.5, 2, sign=True) == "+0.50"
 
 
 def test_censored_times_are_told(results):
