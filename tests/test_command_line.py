@@ -246,4 +246,6 @@ def test_paper_is_handed_over(monkeypatch, tmp_path):
     result = run.invoke(app, ["paper", "--out", str(tmp_path)])
     assert result.exit_code == 0, result.output
     assert calls == [tmp_path]
-    assert "2 printed sentences: holds 1, does not hold 0, consistent with 1, undetermined 0; see" in result.output
+    assert "2 printed sentences: holds 1, does not hold 0, consistent with 1, undetermined 0; see" in " ".join(
+        result.output.split()
+    )
