@@ -27,7 +27,7 @@ class Option(NamedTuple):
 
     path: str
     """Of the option, `robot.lag`; for an obstacle or estimator with its tag, `estimator:cascade.h`."""
-    index: tuple[int, ...]
+    within: tuple[int, ...]
     """Where the number stands in it, if the option is a tuple."""
     default: Any
     limits: tuple[float, ...]
@@ -48,7 +48,7 @@ def options() -> list[Option]:
         found += _of(estimator, f"estimator:{estimator.model_fields['kind'].default}.")
     found += [Option("camera.field_of_view", (), 62.2, (0.1, 178.0))]
     found += [Option(f"reward.{term}", (), 1.0, _limits([Weight])) for term in REWARD_TERMS]
-    return sorted({(each.path, each.index): each for each in found}.values(), key=lambda each: each[:2])
+    return sorted({(each.path, each.within): each for each in found}.values(), key=lambda each: each[:2])
 
 
 def _of(model: type[BaseModel], path: str = "") -> Iterator[Option]:
@@ -92,7 +92,7 @@ def given(option: Option, value: Any) -> dict[str, Any]:
     value = _placed(option, value)
     kind, _, tag = group.partition(":")
     if kind == "obstacles":
-        shape = {"disc": {"radius": 0.2}, "box": {"size": (0.2, 0.3)}}[tag]
+        shape: dict[str, Any] = {"disc": {"radius": 0.2}, "box": {"size": (0.2, 0.3)}}[tag]
         return {"obstacles": [{"shape": tag, "position": (3.0, 3.0), **shape, last: value}]}
     if kind == "estimator":
         return {"estimator": {"kind": tag, last: value}}
@@ -105,12 +105,12 @@ def given(option: Option, value: Any) -> dict[str, Any]:
 def _placed(option: Option, value: Any) -> Any:
     """A value in its tuple; the others there are the defaults, or the same where there are none."""
     rows: dict[int, list[Any]] = {}
-    for each in (each for each in OPTIONS if each.path == option.path and each.index):
-        own = each.index == option.index or each.default is None
-        rows.setdefault(each.index[0], []).append(value if own else each.default)
-    if not option.index:
+    for each in (each for each in OPTIONS if each.path == option.path and each.within):
+        own = each.within == option.within or each.default is None
+        rows.setdefault(each.within[0], []).append(value if own else each.default)
+    if not option.within:
         return value
-    return list(rows.values()) if len(option.index) > 1 else [row[0] for row in rows.values()]
+    return list(rows.values()) if len(option.within) > 1 else [row[0] for row in rows.values()]
 
 
 def drawn(option: Option, rng: np.random.Generator) -> float | int:
