@@ -92,7 +92,7 @@ def given(option: Option, value: Any) -> dict[str, Any]:
     value = _placed(option, value)
     kind, _, tag = group.partition(":")
     if kind == "obstacles":
-        shape: dict[str, Any] = {"disc": {"radius": 0.2}, "box": {"size": (0.2, 0.3)}}[tag]
+        shape: dict[str, Any] = {"radius": 0.2} if tag == "disc" else {"size": (0.2, 0.3)}
         return {"obstacles": [{"shape": tag, "position": (3.0, 3.0), **shape, last: value}]}
     if kind == "estimator":
         return {"estimator": {"kind": tag, last: value}}
