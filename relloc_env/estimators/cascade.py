@@ -85,6 +85,10 @@ class Cascade(Sharing):
         )
         self._share()
 
+    def __getstate__(self) -> dict[str, Any]:
+        """What a copy has; it makes a handle of its own arrays."""
+        return {**self.__dict__, "_checked": None, "_handle": None}
+
     def _share(self) -> None:
         """What kernels are given."""
         self._state = kernels.State(*(align(array) for array in self._state))
@@ -111,8 +115,8 @@ class Cascade(Sharing):
         if not self.trusted:
             check_rows(rows, len(self._state.sample))
             check_finite_prior(prior, rows)
-        told = (prior.depth, prior.pose, prior.pose_sd)
-        status = kernels.reset(told, float(prior.depth_sd), self._state, self._ring, rows)
+        given = (prior.depth, prior.pose, prior.pose_sd)
+        status = kernels.reset(given, float(prior.depth_sd), self._state, self._ring, rows)
         if status:
             self._raise(status)
         self._show(rows)
