@@ -172,7 +172,7 @@ def load(out: Path, warn: Callable[[str], None] | None = None) -> tuple[Asked, l
 
     Args:
         out: the folder.
-        warn: told which are damaged; these are left out then.
+        warn: called with which are damaged; these are left out then.
 
     Raises:
         ValueError: a folder without results, or one that is damaged.

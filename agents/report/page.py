@@ -49,7 +49,7 @@ def report(
         trust: whether those are drawn too for which code runs that the folder names: agents, estimators and detectors
             that are not the project's, pickled policies.
         tell: told what is being done.
-        warn: told which jobs of the benchmark have failed, which results are damaged, and which films are not drawn.
+        warn: called with each job of the benchmark that has failed, each damaged result, each film that is not drawn.
 
     Raises:
         ValueError: a folder without results.

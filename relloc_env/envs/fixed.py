@@ -3,8 +3,12 @@
 import inspect
 from typing import Any, ClassVar
 
-from relloc_env.config import EnvConfig
+from relloc_env.config import ConfigError, EnvConfig
 from relloc_env.simulation import OPTIONS
+
+
+class FixedError(AttributeError, ConfigError):
+    """An attribute of an environment that cannot be set."""
 
 
 class Fixed:
@@ -28,10 +32,10 @@ class Fixed:
         """Set an attribute, if that can have an effect.
 
         Raises:
-            AttributeError: an option, or a part that other parts were made for.
+            FixedError: an option, or a part that other parts were made for.
         """
         if name in self._fixed:
-            raise AttributeError(self.refusal(name), name=name, obj=self)
+            raise FixedError(self.refusal(name), name=name, obj=self)
         super().__setattr__(name, value)
 
     def refusal(self, name: str) -> str:

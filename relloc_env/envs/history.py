@@ -74,7 +74,7 @@ class History(Sharing):
 
         config = self._core.config
         if self._course is None or self._trails is None:
-            # Of a single robot's points, each with three numbers, the mean is told.
+            # Of a single robot's points, each with three numbers, the mean is shown.
             count = 1 if config.robots > 1 else config.targets
             self._course = Course(config.robots, nees_band(3, count), self.past)
             self._trails = Table(2 * config.robots, _TRAIL)

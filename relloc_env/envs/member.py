@@ -10,9 +10,10 @@ from gymnasium.utils import seeding
 from gymnasium.vector import VectorEnv
 from numpy.typing import NDArray
 
-from relloc_env.config import ConfigError, EnvConfig
+from relloc_env.config import EnvConfig
 from relloc_env.envs.core import Core
 from relloc_env.envs.door import state_space
+from relloc_env.envs.fixed import FixedError
 from relloc_env.envs.picture import Picture
 from relloc_env.samples import Bool, Float32
 
@@ -64,7 +65,7 @@ class Batch(VectorEnv[Any, Any, Any]):
 
         Raises:
             ValueError: another number of values than of environments.
-            ConfigError: what the environment has by its options.
+            FixedError: what the environment has by its options.
         """
         each = values if isinstance(values, list | tuple) else [values] * self.num_envs
         if len(each) != self.num_envs:
@@ -138,11 +139,11 @@ class Member:
         """Set an attribute of the caller's own.
 
         Raises:
-            ConfigError: what the environment has by its options.
+            FixedError: what the environment has by its options.
         """
         built = name in EnvConfig.model_fields or name in ("index", "max_episode_steps")
         if built or name in ALIKE or name in vars(Member):
-            raise ConfigError(f"Attribute `{name}` cannot be set: build another environment, with other options")
+            raise FixedError(self._env.refusal(name), name=name, obj=self)
         super().__setattr__(name, value)
 
     @property

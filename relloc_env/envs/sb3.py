@@ -1,28 +1,25 @@
 """The Stable-Baselines3 door: a batch as its `VecEnv`. Imported only by those who train with it."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
-from gymnasium.envs.registration import EnvSpec
 from gymnasium.error import ResetNeeded
 
-from relloc_env.config import TASKS, EnvConfig
-from relloc_env.envs.core import ROBOT_NAMES
+from relloc_env.config import EnvConfig
 from relloc_env.envs.door import (
     check_actions,
     check_options,
     check_render_mode,
-    check_state,
     frames_per_second,
     open_core,
 )
 from relloc_env.envs.fixed import Fixed
 from relloc_env.envs.information import Information
 from relloc_env.envs.picture import Picture
+from relloc_env.envs.row import Row
 from relloc_env.envs.spaces import (
     joint_action_space,
     joint_form,
@@ -217,7 +214,7 @@ class RellocVecEnv(Fixed, VecEnv):
             return [info for n in environments for info in self._information.each(n)]
         return [self._information.one(n) for n in environments]
 
-    def row(self, index: int) -> "Row":
+    def row(self, index: int) -> Row:
         """One row as an object: what `get_attr`, `set_attr` and `env_method` work on."""
         if index not in self.rows:
             self.rows[index] = Row(self, *divmod(range(self.num_envs)[index], self.rows_each))
@@ -254,7 +251,7 @@ class RellocVecEnv(Fixed, VecEnv):
         """Whether rows are wrapped, one by one: they are not."""
         return [False for _ in self._chosen(indices)]
 
-    def _chosen(self, indices: VecEnvIndices) -> list["Row"]:
+    def _chosen(self, indices: VecEnvIndices) -> list[Row]:
         return [self.row(int(index)) for index in self._get_indices(indices)]
 
     def get_images(self) -> Sequence[Any]:
@@ -265,7 +262,7 @@ class RellocVecEnv(Fixed, VecEnv):
         """The picture of an environment, an RGB array (H, W, 3); None without a `render_mode`."""
         return self._pictures[index].render() if self._pictures else None
 
-    def carry_over(self, rows: Mapping[int, "Row"]) -> None:
+    def carry_over(self, rows: Mapping[int, Row]) -> None:
         """Give rows what callers had set on those that had their indices in another environment."""
         for index, row in rows.items():
             for name, value in row.own.items():
@@ -275,70 +272,3 @@ class RellocVecEnv(Fixed, VecEnv):
         """Let go of what pictures need."""
         for picture in self._pictures:
             picture.close()
-
-
-class Row(Fixed):
-    """One row of a `RellocVecEnv`: an environment, or a robot of it.
-
-    Attributes:
-        index: of the environment.
-        robot: name of the robot; None where a row is a whole environment.
-        config, field_slices, observation_space, action_space, metadata, render_mode: as of the `RellocVecEnv`.
-    """
-
-    MAY_BE_SET = frozenset[str]()
-
-    def __init__(self, env: RellocVecEnv, index: int, robot: int) -> None:
-        self._env = env
-        self.index = index
-        self.robot = ROBOT_NAMES[robot] if env.decentralised else None
-        self.config, self.field_slices = env.config, env.field_slices
-        self.observation_space, self.action_space = env.observation_space, env.action_space
-        self.metadata, self.render_mode = env.metadata, env.render_mode
-        self._fix()
-
-    @property
-    def unwrapped(self) -> "Row":
-        """The row itself."""
-        return self
-
-    @property
-    def spec(self) -> EnvSpec | None:
-        """How Gymnasium makes such an environment; None where a row is a robot."""
-        if self.robot is not None:
-            return None
-        name = {count: name for name, count in TASKS.items()}[self.config.robots]
-        options = {"config": self.config.to_dict()}
-        return replace(gym.spec(name), max_episode_steps=self.config.max_cycles, kwargs=options)
-
-    def refusal(self, name: str) -> str:
-        """As of the whole `RellocVecEnv`."""
-        return self._env.refusal(name)
-
-    @property
-    def own(self) -> dict[str, Any]:
-        """What callers have set."""
-        return {name: value for name, value in vars(self).items() if not (name in self._fixed or name.startswith("_"))}
-
-    def render(self) -> Any:
-        """The picture of the environment, an RGB array (H, W, 3); None without a `render_mode`."""
-        return self._env.render_row(self.index)
-
-    def state(self) -> Float32:
-        """The truth and every observation of the environment as one vector, for centralised critics."""
-        return self._env.state_of(self.index)
-
-    def get_state(self) -> dict[str, Any]:
-        """Everything the environment remembers, to be put back with `set_state`."""
-        return self._env.core.get_state(np.array([self.index]))
-
-    def set_state(self, state: Mapping[str, Any]) -> None:
-        """Go on from a state of an environment of the same configuration, bit for bit.
-
-        Raises:
-            ValueError: what no environment of this configuration gave.
-        """
-        core = self._env.core
-        check_state("state", state, core.get_state(np.zeros(0, np.int64)), 1)
-        core.observation = core.observation.copy()
-        core.set_state(state, np.array([self.index]))

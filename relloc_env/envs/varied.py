@@ -12,7 +12,8 @@ from relloc_env.config import ConfigError, EnvConfig, load_config
 from relloc_env.envs.door import check_actions, check_render_mode
 from relloc_env.envs.fixed import Fixed
 from relloc_env.envs.observation import places, slices
-from relloc_env.envs.sb3 import RellocVecEnv, Row
+from relloc_env.envs.row import Row
+from relloc_env.envs.sb3 import RellocVecEnv
 from relloc_env.envs.spaces import joint_action_space, joint_slices, joint_space, robot_action_space, robot_space
 from relloc_env.envs.specification import take_horizon
 from relloc_env.envs.variation import Stage, Variation
@@ -203,7 +204,7 @@ class VariedVecEnv(Fixed, VecEnv):
         return group.env.row(index - group.first * self.rows_each)
 
     def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
-        """An attribute of some rows; see `relloc_env.envs.sb3.Row`."""
+        """An attribute of some rows; see `relloc_env.envs.row.Row`."""
         if attr_name == "render_mode":  # asked for before there are rows
             count = sum(group.count for group in self._groups) * self.rows_each
             return [self._mode] * (count if indices is None else len(list(self._get_indices(indices))))
@@ -217,7 +218,7 @@ class VariedVecEnv(Fixed, VecEnv):
     def env_method(
         self, method_name: str, *method_args: Any, indices: VecEnvIndices = None, **method_kwargs: Any
     ) -> list[Any]:
-        """Call a method of some rows; see `relloc_env.envs.sb3.Row`."""
+        """Call a method of some rows; see `relloc_env.envs.row.Row`."""
         rows = [self.row(int(index)) for index in self._get_indices(indices)]
         return [getattr(row, method_name)(*method_args, **method_kwargs) for row in rows]
 

@@ -111,8 +111,8 @@ class Cascade(Sharing):
         if not self.trusted:
             check_rows(rows, len(self._state.sample))
             check_finite_prior(prior, rows)
-        told = (prior.depth, prior.pose, prior.pose_sd)
-        status = kernels.reset(told, float(prior.depth_sd), self._state, self._ring, rows)
+        given = (prior.depth, prior.pose, prior.pose_sd)
+        status = kernels.reset(given, float(prior.depth_sd), self._state, self._ring, rows)
         if status:
             self._raise(status)
         self._show(rows)

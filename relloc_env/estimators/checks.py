@@ -1,4 +1,4 @@
-"""What an estimator checks at its door, before compiled code runs over the arrays."""
+"""What an estimator checks of what it is given, before compiled code runs over the arrays."""
 
 from collections.abc import Mapping
 from typing import Any

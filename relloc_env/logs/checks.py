@@ -149,9 +149,9 @@ def _check_jumps(stamps: Float, fail: Fail, limits: Limits) -> None:
         hint = "was the clock set anew, or are these two recordings?"
     else:
         hint = "did the clock jump, or are these two recordings?"
-    told = f"must not jump by more than {limits.gap:g} s" if jump > 0.0 else "must not go back"
+    rule = f"must not jump by more than {limits.gap:g} s" if jump > 0.0 else "must not go back"
     raise fail(
-        row, f"time {told}, but is {stamps[row]:.3f} after {stamps[row - 1]:.3f}: it jumps by {jump:.2g} s; {hint}"
+        row, f"time {rule}, but is {stamps[row]:.3f} after {stamps[row - 1]:.3f}: it jumps by {jump:.2g} s; {hint}"
     )
 
 

@@ -24,6 +24,7 @@ from relloc_env.logs.errors import LogError
 from relloc_env.logs.source import Log, Truth
 from relloc_env.logs.tables import Table, read_table
 from relloc_env.logs.text import read_json, read_text, stored
+from relloc_env.quoting import quote
 from relloc_env.samples import Float, Prior, Samples, ordered_pairs
 
 MOST_ROBOTS = 100
@@ -47,7 +48,7 @@ def read_log(path: str | Path, limits: Limits = LIMITS) -> Log:
     if not isinstance(data, dict) or data.get("format") != FORMAT:
         raise LogError(head, f'`format` must be "{FORMAT}"')
     if data.get("version") != VERSION:
-        raise LogError(head, f"`version` must be {VERSION}, but is {_short(data.get('version'))}")
+        raise LogError(head, f"`version` must be {VERSION}, but is {quote(data.get('version'))}")
     robots, points = (_names(head, data, name) for name in ("robots", "points"))
     count = _field(head, data, "samples", (int,))
     if count < 1 or not robots or not points:
@@ -58,7 +59,7 @@ def read_log(path: str | Path, limits: Limits = LIMITS) -> Log:
         raise LogError(head, f"the log {wrong}")
     velocity = str(_field(head, data, "velocity", (str,)))
     if velocity not in VELOCITIES:
-        raise LogError(head, f"`velocity` must be one of {', '.join(VELOCITIES)}, but is {_short(velocity)}")
+        raise LogError(head, f"`velocity` must be one of {', '.join(VELOCITIES)}, but is {quote(velocity)}")
     samples, odd = _samples(folder, robots, points, count, _field(head, data, "messages", (int,)), limits)
     prior = _prior(head, _field(head, data, "prior", (dict,)), len(robots), len(points), limits)
     start = float(_field(head, data, "start", (int, float)))
@@ -81,20 +82,20 @@ def read_log(path: str | Path, limits: Limits = LIMITS) -> Log:
 def _samples(
     folder: Path, robots: tuple[str, ...], points: tuple[str, ...], count: int, messages: int, limits: Limits
 ) -> tuple[Samples, list[str]]:
-    """Read what was measured and told; return it, and what is odd about it."""
+    """Read what was measured and received; return it, and what is odd about it."""
     r, m = len(robots), len(points)
     table = _table(folder / SAMPLES, sample_columns(robots, points), count)
     detections = table.rows[:, 1 + 3 * r :].reshape(count, r, m, 3)
     seen = detections[..., 0]
     keys = [f"{robot}.{point}.seen" for robot in robots for point in points]
     check_numbers([Numbers("seen", keys, seen.reshape(count, -1), "`seen`")], table.fail, limits)
-    told = _table(folder / MESSAGES, MESSAGE_COLUMNS, messages)
-    rows, pairs = told.rows, ordered_pairs(r)
+    heard = _table(folder / MESSAGES, MESSAGE_COLUMNS, messages)
+    rows, pairs = heard.rows, ordered_pairs(r)
     whole = (rows == np.rint(rows)).all(axis=1) & (rows >= 0).all(axis=1)
     inside = (rows[:, 0] < count) & (rows[:, 1] < r) & (rows[:, 2] < r) & (rows[:, 1] != rows[:, 2]) & (rows[:, 3] < 64)
-    _require(told, whole & inside, "must name a sample, two robots and an age below 64")
+    _require(heard, whole & inside, "must name a sample, two robots and an age below 64")
     _require(
-        told, rows[:, 3] <= rows[:, 0], "`age` must be at most `sample`: the message was made before the log began"
+        heard, rows[:, 3] <= rows[:, 0], "`age` must be at most `sample`: the message was made before the log began"
     )
     arrived = np.zeros((1, count, len(pairs)), dtype=np.uint64)
     number = np.zeros((r, r), dtype=np.int64)
@@ -116,13 +117,13 @@ def _samples(
     return samples, odd
 
 
-def _prior(path: Path, told: Mapping[str, Any], robots: int, points: int, limits: Limits) -> Prior:
+def _prior(path: Path, stated: Mapping[str, Any], robots: int, points: int, limits: Limits) -> Prior:
     pairs = len(ordered_pairs(robots))
     prior = Prior(
-        _array(path, "prior.depth", told.get("depth"), (robots, points))[None],
-        _array(path, "prior.pose", told.get("pose"), (pairs, 3))[None],
-        float(_field(path, told, "depth_sd", (int, float), "prior.")),
-        _array(path, "prior.pose_sd", told.get("pose_sd"), (3,)),
+        _array(path, "prior.depth", stated.get("depth"), (robots, points))[None],
+        _array(path, "prior.pose", stated.get("pose"), (pairs, 3))[None],
+        float(_field(path, stated, "depth_sd", (int, float), "prior.")),
+        _array(path, "prior.pose_sd", stated.get("pose_sd"), (3,)),
     )
     _check(path, "prior.depth", prior.depth, limits, "depth")
     _check(path, "prior.pose", prior.pose, limits)
@@ -155,16 +156,11 @@ def _truth(
     )
 
 
-def _short(value: Any) -> str:
-    words = repr(value)
-    return words if len(words) <= 60 else f"{words[:60]}…"
-
-
 def _name(path: Path, key: str, value: Any) -> str:
     try:
         str(value).encode()
     except UnicodeEncodeError:
-        raise LogError(path, f"`{key}` must be text, but is {_short(value)}") from None
+        raise LogError(path, f"`{key}` must be text, but is {quote(value)}") from None
     return str(value)
 
 
@@ -172,7 +168,7 @@ def _names(path: Path, data: Mapping[str, Any], key: str) -> tuple[str, ...]:
     names = _field(path, data, key, (list,))
     wrong = next((name for name in names if not isinstance(name, str) or not name), None)
     if wrong is not None or len(set(map(str, names))) != len(names):
-        but = "a name is there twice" if wrong is None else f"one is {_short(wrong)}"
+        but = "a name is there twice" if wrong is None else f"one is {quote(wrong)}"
         raise LogError(path, f"`{key}` must be list of distinct names, but {but}")
     return tuple(_name(path, key, name) for name in names)
 
@@ -186,7 +182,7 @@ def _field(path: Path, data: Mapping[str, Any], name: str, kinds: tuple[type, ..
     value = data.get(name)
     if name not in data or not isinstance(value, kinds) or (isinstance(value, bool) and bool not in kinds):
         wanted = " or ".join("null" if k is type(None) else k.__name__ for k in kinds)
-        raise LogError(path, f"`{within}{name}` must be {wanted}, but is {_short(value)}")
+        raise LogError(path, f"`{within}{name}` must be {wanted}, but is {quote(value)}")
     return value
 
 
@@ -218,7 +214,7 @@ def _table(path: Path, names: Iterable[str], rows: int) -> Table:
     first = tuple(text.splitlines()[0].split(","))
     for number, (name, has) in enumerate(zip_longest(names, first), start=1):
         if name != has:
-            wanted, found = ("nothing" if x is None else _short(x) for x in (name, has))
+            wanted, found = ("nothing" if x is None else quote(x) for x in (name, has))
             raise LogError(path, f"column {number} must be {wanted}, but is {found}", 1)
     if rows == 0:
         return Table(path, text, 1, first, np.zeros((0, len(first))), np.arange(0))

@@ -22,9 +22,9 @@ from relloc_env.samples import Float, Prior, Samples, ordered_pairs
 Velocity = Literal["commands", "mocap"]
 
 CLOCKS = 10.0
-"""[s] records of robots that begin or end further apart are told: one of the clocks may be off."""
+"""[s] records of robots that begin or end further apart are reported: one of the clocks may be off."""
 ENDS = 2.0
-"""[s] odometry that begins later or ends earlier than the log, by more than this, is told."""
+"""[s] odometry that begins later or ends earlier than the log, by more than this, is reported."""
 
 
 @dataclass(frozen=True)

@@ -114,7 +114,7 @@ def read_table(
 
 
 def _check_end(table: Table, delimiter: str | None) -> None:
-    """Raise where the file ends inside a number, and note where that cannot be told.
+    """Raise where the file ends inside a number, and note where that cannot be known.
 
     A file ends inside a number at most where its last line has no end. It does so where all other rows have the same
     number of decimals in the last column, and the last row has another.

@@ -78,7 +78,7 @@ def test_the_horizon_of_pettingzoo_holds_from_the_next_reset(kind: str) -> None:
         while env.agents:
             shown = env.step({agent: np.zeros(2) for agent in env.agents})[0]
             count += 1
-            times.append(float(shown["robot_a"][env.field_slices["time"]][0]))
+            times.append(float(shown["robot_a"][env.field_slices["progress"]][0]))
         return count
 
     env, times = OBJECTS[kind](), list[float]()
@@ -91,7 +91,7 @@ def test_the_horizon_of_pettingzoo_holds_from_the_next_reset(kind: str) -> None:
     other.reset(seed=1)
     for time in times[5:]:
         assert other.step({agent: np.zeros(2) for agent in other.agents})[0]["robot_a"][
-            other.field_slices["time"]
+            other.field_slices["progress"]
         ] == pytest.approx(time)
     with pytest.raises(ConfigError, match="max_cycles"):
         env.max_cycles = 0
