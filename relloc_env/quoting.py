@@ -16,7 +16,7 @@ def quote(value: Any) -> str:
     try:
         return cut(_REPR.repr(value))
     except Exception:  # noqa: BLE001 - anyone's `__repr__` may raise anything, that of a huge integer does
-        return f"<{type(value).__name__}>"
+        return "a number of thousands of digits" if isinstance(value, int) else f"<{type(value).__name__}>"
 
 
 def word(value: Any) -> str:
