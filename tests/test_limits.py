@@ -80,8 +80,6 @@ HUGE: dict[str, Any] = {
 @pytest.mark.parametrize("kind", HUGE)
 @pytest.mark.parametrize("option", [*EnvConfig.model_fields, "scenario", "nothing"])
 def test_every_option_says_in_few_words_what_is_wrong(option: str, kind: str) -> None:
-    if (option, kind) == ("max_cycles", "number"):
-        pytest.skip("a number of actions may be great")
     with pytest.raises(ConfigError) as caught:
         load_config(**{option: HUGE[kind]})
     assert len(str(caught.value)) < 2_000
