@@ -85,6 +85,10 @@ class Cascade(Sharing):
         )
         self._share()
 
+    def __getstate__(self) -> dict[str, Any]:
+        """What a copy has; it makes a handle of its own arrays."""
+        return {**self.__dict__, "_checked": None, "_handle": None}
+
     def _share(self) -> None:
         """What kernels are given."""
         self._state = kernels.State(*(align(array) for array in self._state))
