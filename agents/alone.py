@@ -4,7 +4,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from filelock import FileLock, Timeout
+from relloc_env.extras import extra
+
+with extra("agents"):
+    from filelock import FileLock, Timeout
 
 LOCK = ".lock"
 """File whose lock a process has; the system frees it however that process ends, and the file may stay."""

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import relloc_env  # noqa: F401 (the ids)
+from relloc_env.files import whole
 from relloc_env.scenarios import SCENARIOS, SUITES
 
 EPISODES = 20
@@ -115,7 +116,8 @@ def record(path: Path, tell: Tell = lambda _what, _part: None) -> int:
         tell(name, 0.8 + 0.07 * part)
         arrays.update(_named(name, make()))
     path.parent.mkdir(parents=True, exist_ok=True)
-    np.savez_compressed(path, **arrays)  # type: ignore[arg-type]
+    with whole(path) as partial:
+        np.savez_compressed(partial, **arrays)  # type: ignore[arg-type]
     return len(arrays)
 
 

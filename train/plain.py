@@ -7,10 +7,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
+from relloc_env.extras import extra
 from relloc_env.files import whole
+
+with extra("train"):
+    import torch
 
 TREE = "tree"
 """Entry of the file that says how the arrays belong together."""

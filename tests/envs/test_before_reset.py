@@ -52,6 +52,7 @@ def arguments(door: str, name: str, method: Any) -> dict[str, Any]:
         "action": np.zeros(2) if door.startswith("aec") else actions,
         "agent": "robot_a",
         "index": 0,
+        "rows": {},
         "copies": 2,
         "name": "mine" if name in ("set_attr", "set_wrapper_attr") else "config",
         "attr_name": "mine" if name == "set_attr" else "config",
