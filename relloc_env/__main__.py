@@ -5,6 +5,7 @@ import math
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal, NoReturn
 
@@ -77,7 +78,7 @@ def replay(
         pose_error = None
         if initial_pose_error is not None:
             pose_error = (*initial_pose_error[:2], math.radians(initial_pose_error[2]))
-        result = run(
+        result = (partial(run, limits=Limits.of(limit)) if limit else run)(
             path,
             robots=robots,
             start=start,
@@ -88,7 +89,6 @@ def replay(
             initial_depth=initial_depth,
             initial_depth_error=initial_depth_error,
             initial_pose_error=pose_error,
-            limits=Limits.of(limit or ()),
             out=out,
             progress=tell,
         )

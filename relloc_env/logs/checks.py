@@ -142,7 +142,7 @@ def _check_jumps(stamps: Float, fail: Fail, limits: Limits) -> None:
     row = int(jumps[0]) + 1
     jump, usual = float(step[row - 1]), float(np.median(step))
     if usual > limits.gap:
-        hint = f"are these {_unit(usual * 1e11)}?"
+        hint = f"are these {_unit(usual * 1e10)}?"
     elif abs(stamps[row - 1]) < UNSET[0] and stamps[row] > UNSET[1]:
         hint = "was the clock not set yet in the row before?"
     elif jump < 0.0:

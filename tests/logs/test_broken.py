@@ -202,17 +202,17 @@ def test_a_table_of_our_own_ends_with_its_line(tmp_path: Path, name: str) -> Non
 def test_every_reader_takes_a_byte_order_mark_and_gzip(tmp_path: Path, mrclam: Path, starloc: Path) -> None:
     episode = write_log(tmp_path / "log", make_log())
     readers = ((mrclam, lambda p: read_mrclam(p).log((1, 2))), (starloc, read_starloc), (episode, read_log))
-    plain = [read(folder) for folder, read in readers]  # type: ignore[no-untyped-call]
+    plain = [read(folder) for folder, read in readers]
     files = [path for path in tmp_path.rglob("*") if path.is_file()]
     for path in files:
         path.write_bytes(b"\xef\xbb\xbf" + path.read_bytes())
     for (folder, read), log in zip(readers, plain, strict=True):
-        assert_same(log, read(folder))  # type: ignore[no-untyped-call]
+        assert_same(log, read(folder))
     for path in files:
         path.with_name(path.name + ".gz").write_bytes(gzip.compress(path.read_bytes()))
         path.unlink()
     for (folder, read), log in zip(readers, plain, strict=True):
-        assert_same(log, read(folder))  # type: ignore[no-untyped-call]
+        assert_same(log, read(folder))
     packed = episode / "samples.csv.gz"
     packed.write_bytes(packed.read_bytes()[:-20])
     with pytest.raises(LogError, match=r"samples\.csv\.gz: cannot be unpacked: truncated"):

@@ -17,7 +17,23 @@ from hypothesis import strategies as st
 from relloc_env.logs import Limits, Log, LogError, read_log, read_mrclam, read_starloc, write_log
 from tests.logs.conftest import write_mrclam, write_starloc
 
-BAD = ["nan", "inf", "-inf", "1e300", "-1e300", "0", "-1", "1e18", "1248446190123456789", "1e", "٣", "1_0", "x", "3.7"]
+BAD = [
+    "nan",
+    "inf",
+    "-inf",
+    "1e300",
+    "-1e300",
+    "0",
+    "-1",
+    "1e18",
+    "1248446190123456789",
+    "1e",
+    "٣",
+    "1_0",
+    "x",
+    "3.7",
+    "1e-300",
+]
 MEMORY = 2**30
 """[bytes] that reading a recording of some 100 kB may need at most, beside what is in use."""
 SETTINGS = settings(

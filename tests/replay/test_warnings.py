@@ -14,6 +14,7 @@ from relloc_env.estimators import PRESETS
 from relloc_env.logs import Log, LogError, Truth, write_log
 from relloc_env.replay import open_logs, replay, run_estimator
 from relloc_env.replay.settings import configure
+from relloc_env.samples import Samples
 from tests.logs.conftest import write_mrclam
 
 MakeLog = Callable[..., Log]
@@ -99,7 +100,7 @@ def test_what_a_folder_lacks_is_named(mrclam: Path, missing: list[str], message:
 def twice(log: Log, at: list[int]) -> Log:
     """Give some stamps a second sample, as two sources have it."""
     rows = np.sort(np.append(np.arange(len(log)), at))
-    samples = type(log.samples)(*(np.ascontiguousarray(part[:, rows]) for part in log.samples))
+    samples = Samples._make(np.ascontiguousarray(part[:, rows]) for part in log.samples)
     samples.period[0, 1:][np.diff(rows) == 0] = 0.0
     truth = log.truth
     assert truth is not None
@@ -144,6 +145,21 @@ def test_a_truth_that_is_known_in_part_is_scored_in_part(tmp_path: Path, what: s
     assert whole["bound"] != NEEDS
     tracks = [found["estimators"]["cascade"]["depth"]["tracks"] for found in (whole, data)]
     assert (tracks[1] < tracks[0]) == (what in ("a point", "all points"))
+
+
+def test_late_and_lost_messages_of_an_episode_are_read(tmp_path: Path) -> None:
+    import gymnasium
+
+    from relloc_env.wrappers import RecordLog
+
+    network = {"latency": 0.1, "jitter": 0.3, "loss": 0.2}
+    env = RecordLog(gymnasium.make("relloc_env/RelativePose-v0", max_cycles=4, network=network), tmp_path)
+    env.reset(seed=0)
+    for _ in range(4):
+        env.step(np.zeros(env.action_space.shape, np.float32))
+    env.close()
+    (log,) = open_logs(tmp_path / "episode_000")
+    assert (log.samples.arrived > 1).any()
 
 
 def test_a_configuration_that_is_none_is_an_error_of_the_file(tmp_path: Path, make_log: MakeLog) -> None:
