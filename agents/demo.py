@@ -1,11 +1,13 @@
 """The main job: the paper's experiment, a handful of motions on one scenario, recorded robots; a folder of results."""
 
 import os
+import signal
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass
-from multiprocessing import get_context
+from multiprocessing import active_children, get_context
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -91,16 +93,17 @@ def run(out: Path, *, seed: int = SEED, log: Path | None = None, console: Consol
     Raises:
         LogError: the given log cannot be read.
     """
-    out, console, began = open_folder(out), console or Console(), time.perf_counter()
+    console, began = console or Console(), time.perf_counter()
     logs = find_logs(log)
     at_hand = bool(logs)
     if log is not None:
         open_logs(logs[0].path, **logs[0].options)
+    out = open_folder(out)
     results: dict[str, Any] = {"version": relloc_env.__version__, "seed": seed}
     # Replays have kernels of their own: they compile and run beside the rest.
     with (
         TemporaryDirectory() as scratch,
-        ProcessPoolExecutor(1, get_context("spawn")) as beside,
+        _beside() as beside,
         Steps(console, 4 + len(MOTIONS) + (len(logs) or 2)) as steps,
     ):
         replays = [beside.submit(_replay, found, out) for found in logs]
@@ -143,6 +146,19 @@ def run(out: Path, *, seed: int = SEED, log: Path | None = None, console: Consol
     if not at_hand:
         console.print(WHERE, markup=False, highlight=False, soft_wrap=True)
     return results
+
+
+@contextmanager
+def _beside() -> Iterator[ProcessPoolExecutor]:
+    """A process beside this one, which ends in silence with Ctrl-C, and where there is an error here."""
+    with ProcessPoolExecutor(1, get_context("spawn"), signal.signal, (signal.SIGINT, signal.SIG_DFL)) as pool:
+        try:
+            yield pool
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            for process in active_children():
+                process.terminate()
+            raise
 
 
 def _paper(tell: Tell) -> Episode:
