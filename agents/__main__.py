@@ -5,6 +5,7 @@ from typing import Annotated, NoReturn
 
 import typer
 
+from agents.errors import AgentError
 from relloc_env.console import lenient
 from relloc_env.extras import MissingExtraError
 
@@ -43,6 +44,8 @@ def demo(
         _stop(str(error))
     try:
         run(out, seed=seed, log=log)
+    except KeyboardInterrupt:
+        _stop("Stopped; the same command begins anew", 130)
     except (LogError, MissingExtraError, ValueError, OSError) as error:
         _stop(str(error))
 
@@ -85,6 +88,8 @@ def film(
             dict(zip(called, map(agent, shown), strict=True)),
             seed=seed, width=width, faster=faster, theme="dark" if dark else "light", rerun=rerun,
         )  # fmt: skip
+    except AgentError as error:
+        _stop(str(error), 1)
     except (MissingExtraError, ValueError, OSError) as error:
         _stop(str(error))
     typer.echo(f"Film: {out}")
@@ -190,10 +195,10 @@ def names(text: str) -> tuple[str, ...]:
     return tuple(dict.fromkeys(name.strip() for name in text.split(",") if name.strip()))
 
 
-def _stop(message: str) -> NoReturn:
-    """Print one line and end with exit code 2."""
+def _stop(message: str, code: int = 2) -> NoReturn:
+    """Print one line and end with an exit code."""
     typer.echo(f"Error: {message}", err=True)
-    raise typer.Exit(2)
+    raise typer.Exit(code)
 
 
 if __name__ == "__main__":

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from agents.alone import alone
+from agents.errors import code_of
 from agents.jobs import Asked, Job
 from agents.playing import CURVES, SCORES, play, quartiles
 from agents.registry import agent
@@ -94,7 +95,8 @@ def run(job: Job, threads: int | None = 1) -> Result:
     build, clocks = agent(job.agent), []
 
     def timed(task: Any) -> _Clock:
-        clocks.append(_Clock(build(task)))
+        with code_of(job.agent, build):
+            clocks.append(_Clock(build(task)))
         return clocks[-1]
 
     order: list[int] = []

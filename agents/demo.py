@@ -98,11 +98,12 @@ def run(out: Path, *, seed: int = SEED, log: Path | None = None, console: Consol
     Raises:
         LogError: the given log cannot be read.
     """
-    out, console, began = open_folder(out), console or Console(), time.perf_counter()
+    console, began = console or Console(), time.perf_counter()
     logs = find_logs(log)
     at_hand = bool(logs)
     if log is not None:
         open_logs(logs[0].path, **logs[0].options)
+    out = open_folder(out)
     seeds = range(seed, seed + EPISODES)
     results: dict[str, Any] = {"version": relloc_env.__version__, "seeds": list(seeds), "scores": dict(SCORES)}
     # Replays have kernels of their own: they compile and run beside the rest.

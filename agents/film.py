@@ -8,6 +8,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from agents.errors import code_of
 from agents.policy import Policy, Task
 from agents.rollout import rollout
 from relloc_env.config import EnvConfig
@@ -83,6 +84,8 @@ def scenes(config: EnvConfig, build: Callable[[Task], Policy], seed: int, title:
         picture.follow(new=not seen)
         seen.append(replace(picture.scene(), title=title))
 
-    rollout(env, build(Task.of(env)), seed, watch=watch)
+    with code_of(title, build):
+        policy = build(Task.of(env))
+    rollout(env, policy, seed, watch=watch, name=title)
     env.close()
     return seen

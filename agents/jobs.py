@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import relloc_env
+from agents.errors import place_of
 from agents.learned import PREFIX, files
 from agents.policy import Task
 from agents.registry import agent, needs, short
@@ -93,11 +94,12 @@ class Asked:
             fitting = next(each for each in self.suites if each not in refusals)
             try:
                 self._build(fitting, name)
-            except ValueError:
-                raise
             except Exception as error:  # anyone's agent may raise anything
+                place = place_of(error, agent(name))
+                if place is None:
+                    raise
                 raise ValueError(
-                    f"Argument `agents` must lead to a class that takes a task, but {name!r}: "
+                    f"Argument `agents` must lead to a class that takes a task, but {name!r} fails in {place}: "
                     f"{type(error).__name__}: {error}"
                 ) from error
 

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from agents.errors import code_of
 from agents.policy import Policy, Task
 from relloc_env.config import EnvConfig
 from relloc_env.envs.vector import RellocVectorEnv
@@ -86,18 +87,22 @@ def play(
         len(seeds), config, autoreset_mode="Disabled", info=(), copy=False, threads=threads
     )  # fmt: skip
     task = Task.of(env)
-    policy = build(task)
-    policy.reset(len(seeds), int(seeds[0]))
+    with code_of(what_is(build), build):
+        policy = build(task)
+    what = what_is(policy)
+    with code_of(what, policy):
+        policy.reset(len(seeds), int(seeds[0]))
     observations, _ = env.reset(seed=[int(seed) for seed in seeds])
     if getattr(policy, "knows_truth", False):
-        policy.see(env.core.simulation.world.pose.copy(), env.core.simulation.world.points.copy())  # type: ignore[attr-defined]
+        with code_of(what, policy):
+            policy.see(env.core.simulation.world.pose.copy(), env.core.simulation.world.points.copy())  # type: ignore[attr-defined]
     record = _Record(env, task)
     record.add()
     shape = (len(seeds), task.robots, config.action_size)
     for k in range(config.max_cycles):
-        actions = np.asarray(policy.act(task.rows(observations)), np.float64)
+        with code_of(what, policy):
+            actions = np.asarray(policy.act(task.rows(observations)), np.float64)
         if actions.shape != shape:
-            what = getattr(policy, "what", type(policy).__name__)
             raise ValueError(
                 f"Argument `agents` must lead to policies whose `act` gives {shape} numbers with `action` "
                 f'"{config.action}", but {what} gives {actions.shape}'
@@ -106,6 +111,11 @@ def play(
         record.add(actions)
         progress((k + 1) / config.max_cycles)
     return record.scores(), record.curves()
+
+
+def what_is(thing: Any) -> str:
+    """What to call a policy, or what builds one, in errors."""
+    return str(getattr(thing, "what", None) or getattr(thing, "__name__", None) or type(thing).__name__)
 
 
 class _Record:

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from pydantic import BaseModel
 
+from agents.errors import AgentError
 from agents.jobs import Asked, Job, robots_of
 from agents.playing import CURVES, SCORES
 from relloc_env.config import validate
@@ -121,7 +122,10 @@ class Failure:
     @classmethod
     def of(cls, job: Job, error: BaseException) -> "Failure":
         """That of a job."""
-        return cls(job.suite, job.agent, job.estimator, f"{type(error).__name__}: {error}")
+        words = f"{type(error).__name__}: {error}"
+        if isinstance(error, AgentError):
+            words = f"{error.reason} ({Path(error.place).name})"
+        return cls(job.suite, job.agent, job.estimator, words)
 
     def __str__(self) -> str:
         return f"{self.suite}: {self.agent} ({self.estimator}): {self.error}"

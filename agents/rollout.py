@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from agents.errors import code_of
 from agents.policy import COSINE, INVERSE_RANGE, SINE, Policy, Task
 from relloc_env.envs.onboard import POINT
 from relloc_env.envs.parallel import RellocParallelEnv
@@ -93,6 +94,7 @@ def rollout(
     frames: bool = False,
     watch: Callable[[], object] = lambda: None,
     progress: Callable[[float], None] = lambda _: None,
+    name: str = "",
 ) -> Episode:
     """Play one episode through the PettingZoo door.
 
@@ -103,25 +105,41 @@ def rollout(
         frames: whether to keep a picture of each instant.
         watch: called at each instant, when the environment is there.
         progress: told the part of the episode that is over.
+        name: of the agent, for errors.
     """
     task = Task.of(env)
-    policy.reset(1, seed)
+    name = name or type(policy).__name__
+    with code_of(name, policy):
+        policy.reset(1, seed)
     observations, infos = env.reset(seed=seed)
     if getattr(policy, "knows_truth", False):
         world = env.core.simulation.world
-        policy.see(world.pose.copy(), world.points.copy())  # type: ignore[attr-defined]
+        with code_of(name, policy):
+            policy.see(world.pose.copy(), world.points.copy())  # type: ignore[attr-defined]
     record = _Record(env, task)
     record.add(observations, infos, frames)
     watch()
     total = 0.0
     while env.agents:
-        chosen = policy.act(task.rows(observations))[0].astype(np.float32)
+        with code_of(name, policy):
+            chosen = _checked(policy.act(task.rows(observations)), task)
         observations, rewards, _, _, infos = env.step(dict(zip(env.agents, chosen, strict=True)))
         total += sum(rewards.values()) / len(rewards)
         record.add(observations, infos, frames)
         watch()
         progress(record.count / task.config.max_cycles)
     return record.episode(total)
+
+
+def _checked(actions: Any, task: Task) -> Float32:
+    """The actions of the one environment, (R, A), or an error where they are none."""
+    array = np.asarray(actions, np.float64)
+    wanted = (1, task.robots, task.config.action_size)
+    if array.shape != wanted or not np.isfinite(array).all():
+        what = f"{array.shape}" if array.shape != wanted else f"{array[0].tolist()}"
+        raise ValueError(f"`act` must give {wanted} finite numbers, but gives {what}")
+    chosen: Float32 = array[0].astype(np.float32)
+    return chosen
 
 
 class _Record:

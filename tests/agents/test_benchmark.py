@@ -1,6 +1,7 @@
 import hashlib
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -192,21 +193,27 @@ class TestFailed:
         name = f"{path}:Fails"
         asked = Asked("relloc_env/RelativePose-v0", ("tiny",), (name, "straight"), ("cascade",), 2, "validation")
         path.write_text(FAILS.replace("FAR", "True"), "utf-8")
-        with pytest.raises(
-            ValueError, match=r"what was is kept. tiny: .*:Fails \(cascade\): RuntimeError: out of fuel"
-        ):
+        told = "RuntimeError: out of fuel (fails.py, line 7)"
+        with pytest.raises(ValueError, match=r"what was is kept. tiny: .*:Fails \(cascade\): " + re.escape(told)):
             benchmark(asked, out, cores=1)
         kept, found = load(out)
         assert kept.agents == ("straight",)
         assert [r.job.agent for r in found] == ["straight"]
-        assert failures(out) == [Failure("tiny", name, "cascade", "RuntimeError: out of fuel")]
+        assert failures(out) == [Failure("tiny", name, "cascade", told)]
         lines: list[str] = []
         page = report(out, animations=False, warn=lines.append).read_text("utf-8")
-        assert lines == [f"failed, and is not on the page: tiny: {name} (cascade): RuntimeError: out of fuel"]
+        assert lines == [
+            f"failed, and is not on the page: tiny: {name} (cascade): RuntimeError: out of fuel (fails.py, line 7)"
+        ]
         assert "on tiny with cascade: RuntimeError: out of fuel" in page
         summary = json.loads((out / "summary.json").read_text("utf-8"))
         assert summary["failed"] == [
-            {"suite": "tiny", "agent": name, "estimator": "cascade", "error": "RuntimeError: out of fuel"}
+            {
+                "suite": "tiny",
+                "agent": name,
+                "estimator": "cascade",
+                "error": "RuntimeError: out of fuel (fails.py, line 7)",
+            }
         ]
         assert (summary["jobs"], summary["done"], name in summary["command"]) == (1, 1, False)
         # Mended, it is as any other.

@@ -451,3 +451,12 @@ def test_a_policy_is_evaluated_beside_scripts(tmp_path: Path) -> None:
         config, _ = each.job.configurations()[0]
         assert (config.robot_of(0).lag, config.max_cycles) == ((0.2, 0.1), 6)
         assert len(each.time) == 7
+
+
+def test_a_film_is_left_out_where_nothing_says_otherwise() -> None:
+    """Of policies that see pictures there is none; `film=` on the command line means none too."""
+    seeing = {name: value for name, value in (TINY | SIGHT).items() if name != "film"}
+    assert load(seeing).film == ""
+    assert load(load(seeing).to_dict()) == load(seeing)
+    assert load("active-depth").film == "gif"
+    assert load("active-depth", ["film="]).film == ""
