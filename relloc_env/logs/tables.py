@@ -122,7 +122,8 @@ def _check_end(table: Table, delimiter: str | None) -> None:
     text, (number, line) = table.text, _data_lines(table.text, table.skip)[-1]
     if text[-1].isspace() or not text.endswith(line):
         return
-    every = [row.rpartition(delimiter or " ")[2].split()[-1] for _, row in _data_lines(text, table.skip)]
+    rows = (row.partition("#")[0].rstrip() for _, row in _data_lines(text, table.skip))
+    every = [row.rsplit(delimiter, 1)[-1].strip() for row in rows]
     *others, last = (len(cell.partition(".")[2]) for cell in every)
     if len(set(others)) == 1 and others[0] > 0:
         if last != others[0]:

@@ -184,6 +184,15 @@ def test_truncated_files_are_told_by_their_times(long_mrclam: Path) -> None:
         read_mrclam(long_mrclam)
 
 
+@pytest.mark.parametrize("tail", ["", " ", "\t", " \t ", " # a comment"])
+def test_a_number_cut_short_is_named_whatever_the_rows_before_end_with(mrclam: Path, tail: str) -> None:
+    path = mrclam / "Robot1_Groundtruth.dat"
+    rows = [row if row.startswith("#") else row.rstrip() + tail for row in path.read_text("utf-8").splitlines()]
+    path.write_text("\n".join(rows).removesuffix(tail)[:-1], "utf-8")
+    with pytest.raises(LogError, match=r"Robot1_Groundtruth\.dat, line \d+: .* cut inside a number"):
+        read_mrclam(mrclam)
+
+
 def test_a_line_cut_short_is_named(mrclam: Path) -> None:
     path = mrclam / "Robot1_Groundtruth.dat"
     path.write_text(path.read_text("utf-8")[:-25], "utf-8")
