@@ -47,10 +47,10 @@ def test_straight_ahead_without_noise_of_odometry() -> None:
     [
         EXACT,
         {**EXACT, "robots": 1, "targets": 1},
-        {**EXACT, "guess": {"position_sd": 1e6, "heading_sd": 1e9}},
-        {**EXACT, "guess": {"position_sd": 1e-300, "heading_sd": 1e-300, "depth_sd": 1e-300}},
+        {**EXACT, "guess": {"position_sd": 1e6, "heading_sd": 1e4}},
+        {**EXACT, "guess": {"position_sd": 1e-6, "heading_sd": 1e-4, "depth_sd": 1e-6}},
         {"guess": {"position_sd": 1e6}},
-        {"guess": {"heading_sd": 1e9}},
+        {"guess": {"heading_sd": 1e4}},
         {"robot": {"odometry_noise": (1e-12, 0.0)}},
         {"terminate_on_success": True, "camera": {"pixel_noise": 0.0}, "robot": {"odometry_noise": (0.0, 0.0)}},
     ],
