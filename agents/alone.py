@@ -5,6 +5,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from relloc_env.extras import extra
+from relloc_env.folders import open_folder
 
 with extra("agents"):
     from filelock import FileLock, Timeout
@@ -20,7 +21,7 @@ def alone(folder: Path) -> Iterator[None]:
     Raises:
         ValueError: another process has it.
     """
-    folder.mkdir(parents=True, exist_ok=True)
+    folder = open_folder(folder)
     lock = FileLock(folder / LOCK, timeout=0)
     try:
         lock.acquire()

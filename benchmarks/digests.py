@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 import relloc_env  # noqa: F401 (the ids)
 from relloc_env.files import whole
+from relloc_env.folders import open_file
 from relloc_env.scenarios import SCENARIOS, SUITES
 
 EPISODES = 20
@@ -115,7 +116,7 @@ def record(path: Path, tell: Tell = lambda _what, _part: None) -> int:
     for part, (name, make) in enumerate({"replay": replays, "paper": paper, "policy": policies}.items()):
         tell(name, 0.8 + 0.07 * part)
         arrays.update(_named(name, make()))
-    path.parent.mkdir(parents=True, exist_ok=True)
+    path = open_file(path)
     with whole(path) as partial:
         np.savez_compressed(partial, **arrays)  # type: ignore[arg-type]
     return len(arrays)

@@ -190,7 +190,7 @@ def test_points_that_sweep_through_the_image_leave_no_estimate_without_a_number(
         ({"guess": {"heading_sd": 1e11}}, "`guess.heading_sd` must be from 0.0001 to 10000 degrees"),
         ({"reward_start": 1e150}, "`reward_start` must be from 0 to 1000000 s, but is 1e+150"),
         ({"max_cycles": 2**64}, "`max_cycles` must be less than or equal to 1000000000, but is 18446744073709551616"),
-        ({"max_cycles": 10**5000}, "but is <int>"),
+        ({"max_cycles": 10**5000}, "but is a number of thousands of digits"),
         (
             {"estimator": {"kind": "inverse-depth", "odometry_noise": (1e300, 0)}},
             "`estimator.odometry_noise.0` must be from 0 to 100 m/s",
