@@ -150,6 +150,30 @@ def vision(
     console.print(f"Results: {out / 'vision.json'}")
 
 
+@app.command()
+def digests(
+    out: Annotated[Path, typer.Option(help="File of the record, .npz.")] = Path("out/digests.npz"),
+    against: Annotated[Path | None, typer.Option(help="Record of before, to compare with.")] = None,
+) -> None:
+    """Record what must not change in a rebuilding; with an earlier record, name every part that is different."""
+    from benchmarks.digests import TOLERANCE, compare, digest, record
+    from benchmarks.report import progress
+
+    try:
+        with progress() as tell:
+            count = record(out, tell)
+        changes = [] if against is None else compare(against, out)
+    except (ValueError, OSError) as error:
+        _stop(str(error))
+    for name, what, difference in changes:
+        typer.echo(f"{difference:8.1e} {what}: {name}")
+    typer.echo(f"{count} arrays, digest {digest(out)}: {out}")
+    if against is not None:
+        typer.echo(f"{len(changes)} parts differ" if changes else "The same to the bit")
+    if any(difference > TOLERANCE for *_, difference in changes):
+        raise typer.Exit(1)
+
+
 def _stop(message: str) -> NoReturn:
     """Print one line and end with exit code 2."""
     typer.echo(f"Error: {message}", err=True)

@@ -37,7 +37,7 @@ _POLICIES = {
 }
 """Shipped policies, and the robots that each drives."""
 Arrays = dict[str, NDArray[Any]]
-Tell = Callable[[str, float], None]
+Tell = Callable[[float, str], None]
 
 
 def configurations() -> dict[str, tuple[str, dict[str, Any]]]:
@@ -101,20 +101,20 @@ def _terms() -> tuple[str, ...]:
     return REWARD_TERMS
 
 
-def record(path: Path, tell: Tell = lambda _what, _part: None) -> int:
+def record(path: Path, tell: Tell = lambda _part, _what: None) -> int:
     """Run everything and write its numbers; return how many arrays there are.
 
     Args:
         path: a new .npz file. RELLOC_DATA, where it is set, adds the recorded robots.
-        tell: told what is done, and the part of all the work.
+        tell: called with the part of all the work that is done, and what comes next.
     """
     arrays: Arrays = {}
     todo = configurations()
     for i, (name, (task, options)) in enumerate(todo.items()):
-        tell(name, 0.8 * i / len(todo))
+        tell(0.8 * i / len(todo), name)
         arrays.update(_named(name, episodes(task, options)))
     for part, (name, make) in enumerate({"replay": replays, "paper": paper, "policy": policies}.items()):
-        tell(name, 0.8 + 0.07 * part)
+        tell(0.8 + 0.07 * part, name)
         arrays.update(_named(name, make()))
     path = open_file(path)
     with whole(path) as partial:

@@ -58,7 +58,7 @@ def pack_known(config: EnvConfig) -> Known:
 
 @kernel
 def start_bound(
-    factor, variances, sighted, depth_info, pose_info, pose_cov, worst_sd, _pose, points, origin, t_pose, t_visible,
+    factor, variances, sighted, depth_info, pose_info, pose_cov, worst_sd, points, origin, t_pose, t_visible,
     depth_sd, pose_sd, heights, speed_sd, turn_sd, image_sd, rows,
 ):  # fmt: skip
     """Start the bound of new episodes from the priors and their first images; arguments as for `carry_bound`."""

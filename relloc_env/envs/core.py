@@ -174,13 +174,8 @@ class Core(Sharing):
         estimate = self.onboard.estimate
         self._bound = score[:BOUND_FIELDS]
         self._sight = (world.pose, world.points, world.origin, simulation.truth.pose, simulation.truth.visible)
-        self._first_sight = (
-            world.pose,
-            world.points,
-            world.origin,
-            simulation.first_truth.pose,
-            simulation.first_truth.visible,
-        )
+        first = simulation.first_truth
+        self._first_sight = (world.points, world.origin, first.pose, first.visible)
         written = (score.terms, score.depth_error, score.pose_error, score.believed, self.reward, self.last_action)
         truth = (world.points, world.collided, world.blocked)
         believed, heights = (estimate.points, estimate.known, estimate.pose), self._known.camera_heights

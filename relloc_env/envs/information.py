@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from relloc_env.config import ConfigError, hint
 from relloc_env.ends import mean_terms
+from relloc_env.quoting import quote
 from relloc_env.rewards import TERMS
 from relloc_env.samples import Bool, Rows, Sharing
 
@@ -128,12 +129,16 @@ class Information(Sharing):
 def check_entries(entries: object) -> tuple[str, ...]:
     """Return which entries of `info` are wanted, or raise where there is none of such a name."""
     if isinstance(entries, str) or not isinstance(entries, Sequence):
-        raise ConfigError(f"Argument `info` must be a sequence of names among {', '.join(ENTRIES)}, but is {entries!r}")
+        raise ConfigError(
+            f"Argument `info` must be a sequence of names among {', '.join(ENTRIES)}, but is {quote(entries)}"
+        )
     known = ENTRIES + _NAMES
     for name in entries:
         if name not in known:
             close = hint(name, known) if isinstance(name, str) else ""
-            raise ConfigError(f"Argument `info` must have names among {', '.join(ENTRIES)}, but has {name!r}{close}")
+            raise ConfigError(
+                f"Argument `info` must have names among {', '.join(ENTRIES)}, but has {quote(name)}{close}"
+            )
     return tuple(entries)
 
 
