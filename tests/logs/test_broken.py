@@ -201,7 +201,7 @@ def test_a_table_of_our_own_ends_with_its_line(tmp_path: Path, name: str) -> Non
 
 def test_every_reader_takes_a_byte_order_mark_and_gzip(tmp_path: Path, mrclam: Path, starloc: Path) -> None:
     episode = write_log(tmp_path / "log", make_log())
-    readers = ((mrclam, lambda p: read_mrclam(p).log((1, 2))), (starloc, read_starloc), (episode, read_log))
+    readers: Any = ((mrclam, lambda p: read_mrclam(p).log((1, 2))), (starloc, read_starloc), (episode, read_log))
     plain = [read(folder) for folder, read in readers]
     files = [path for path in tmp_path.rglob("*") if path.is_file()]
     for path in files:
