@@ -47,12 +47,23 @@ def _follow(reader: Connection) -> None:
 
 @contextmanager
 def _deaf() -> Iterator[None]:
-    """Put off Ctrl-C, where the system can do that."""
+    """Put off Ctrl-C, where the system can do that.
+
+    Masked in this thread, whose mask new processes inherit. Another thread may take the signal all the same, and Python
+    then tells the main one: there it is noted, and raised at the end.
+    """
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
+    heard: list[int] = []
+    is_main = threading.current_thread() is threading.main_thread()
+    handler = signal.signal(signal.SIGINT, lambda number, _frame: heard.append(number)) if is_main else None
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        if is_main:
+            signal.signal(signal.SIGINT, handler)
+    if heard:
+        signal.raise_signal(signal.SIGINT)

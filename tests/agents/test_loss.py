@@ -4,6 +4,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from agents import workers
 from agents.__main__ import app
 from agents.alone import alone
 from agents.benchmark import benchmark
@@ -167,6 +169,28 @@ def test_workers_end_with_their_parent(how, stage, tmp_path):
         assert main.returncode == 2
         assert "Stopped; the same command goes on" in told
         assert "Traceback" not in told
+
+
+@pytest.mark.skipif(not hasattr(signal, "pthread_sigmask"), reason="signals cannot be put off")
+def test_a_ctrl_c_waits_until_all_processes_are_started():
+    """Also where another thread takes the signal: a process whose parent is gone half way ends in a traceback."""
+    done, over = [], threading.Event()
+    other = threading.Thread(target=over.wait)
+    other.start()
+
+    def interrupted():
+        with workers._deaf():
+            os.kill(os.getpid(), signal.SIGINT)
+            time.sleep(0.2)
+            done.append(True)
+
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            interrupted()
+    finally:
+        over.set()
+        other.join()
+    assert done == [True]
 
 
 def _workers(session: int) -> list[int]:
