@@ -277,18 +277,19 @@ def bound_measure(bound, scene, noise, visible, vertical):
                 continue
             sin, cos = sin_cos(poses[k, 2])
             p, at = point_of(robots, i), (points[i, 0] - o_x, points[i, 1] - o_y)
+            begin = t if t >= 0 else p
             d_x, d_y = points[i, 0] - poses[k, 0], points[i, 1] - poses[k, 1]
             if not sighted[k, i]:
                 sighted[k, i] = True
                 if not math.isinf(guess):
                     point_error(factor, p, t, d, at, work)
-                    correct(factor, variances, work, (cos, sin, 0.0), nothing, guess, 1.0)
+                    correct(factor, variances, work, begin, (cos, sin, 0.0), nothing, guess, 1.0)
             chi = 1.0 / max(cos * d_x + sin * d_y, LEAST_DEPTH)
             x, y = (sin * d_x - cos * d_y) * chi, (heights[k] - points[i, 2]) * chi
             row_x = (chi * (sin - x * cos), -chi * (cos + x * sin), 0.0)
             row_y = (-chi * y * cos, -chi * y * sin, -chi) if vertical else nothing
             point_error(factor, p, t, d, at, work)
-            correct(factor, variances, work, row_x, row_y, variance, variance)
+            correct(factor, variances, work, begin, row_x, row_y, variance, variance)
 
 
 @kernel

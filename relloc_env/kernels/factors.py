@@ -61,7 +61,7 @@ def add(factor, variances, work, end, variance_a, variance_b):
 
 
 @kernel
-def correct(factor, variances, work, row_a, row_b, variance_a, variance_b):
+def correct(factor, variances, work, begin, row_a, row_b, variance_a, variance_b):
     """Take in two measurements, a · e and b · e, of three numbers e = E x.
 
     Bierman's update (1977, chapter V): f = Uᵀ h, alpha_k = variance + sum of d_j f_j² for j <= k, d_k *=
@@ -71,11 +71,14 @@ def correct(factor, variances, work, row_a, row_b, variance_a, variance_b):
     Args:
         factor, variances: U and D, changed.
         work: (4, D) its first three rows E U; undefined afterwards.
+        begin: the columns of E U before this one are zero.
         row_a, row_b: three numbers each.
         variance_a, variance_b: of the measurements' noise.
     """
     alpha_a, alpha_b, inverse_a, inverse_b, product = variance_a, variance_b, 1.0 / variance_a, 1.0 / variance_b, 0.0
-    for k in range(variances.shape[0]):
+    for k in range(begin):
+        work[0, k], work[2, k] = 0.0, 0.0
+    for k in range(begin, variances.shape[0]):
         x, y, h, d = work[0, k], work[1, k], work[2, k], variances[k]
         a, b = row_a[0] * x + row_a[1] * y + row_a[2] * h, row_b[0] * x + row_b[1] * y + row_b[2] * h
         gain_a, step_a, before = d * a, a * inverse_a, alpha_a
@@ -90,7 +93,7 @@ def correct(factor, variances, work, row_a, row_b, variance_a, variance_b):
         work[0, k], work[1, k], work[2, k], work[3, k] = gain_a, step_a, gain_b, step_b
     for i in range(variances.shape[0] - 1):
         gain_a, gain_b = work[0, i], work[2, i]
-        for k in range(i + 1, variances.shape[0]):
+        for k in range(max(i + 1, begin), variances.shape[0]):
             old = factor[i, k]
             new = old - work[1, k] * gain_a
             gain_a += work[0, k] * old
