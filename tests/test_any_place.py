@@ -123,3 +123,21 @@ def test_worlds_around_the_origin_keep_their_coordinates() -> None:
     np.testing.assert_array_equal(info["origin"], np.zeros(2))
     world = env.core.simulation.world  # type: ignore[attr-defined]
     np.testing.assert_array_equal(env.state()[:6], world.pose[0].ravel().astype(np.float32))  # type: ignore[attr-defined]
+
+
+def test_pictures_are_the_same_anywhere() -> None:
+    """What the detector finds in pictures, floor and all, of five actions."""
+    pytest.importorskip("cv2")
+    found = []
+    for x, y in ((0.0, 0.0), (5e5, 5e6)):
+        envs = RellocVectorEnv(
+            1, estimator=None, camera="image", arena=None, poses=[(x, y, 0.8), (x - 2.0, y, 0.8)],
+            points=[(x + 3.0, y + 4.0, 0.4), (x + 4.0, y + 3.0, 0.2)],
+        )  # fmt: skip
+        envs.reset(seed=0)
+        rng = np.random.default_rng(0)
+        for _ in range(5):
+            envs.step(rng.uniform(-1.0, 1.0, (1, 4)))
+            found.append(envs.core.simulation.samples.image.copy())
+    assert np.any(found[0] != 0.0)
+    assert_allclose(found[5:], found[:5], rtol=0.0, atol=1e-6)

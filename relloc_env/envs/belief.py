@@ -7,7 +7,7 @@ import numpy as np
 from relloc_env.bound import UNSEEN_SD, read_bound
 from relloc_env.config import EnvConfig
 from relloc_env.envs.core import Core
-from relloc_env.kernels.bound import factorise
+from relloc_env.kernels.factors import factorise
 from relloc_env.kernels.state_layout import point_of, twist_of
 from relloc_env.metrics import wrap
 from relloc_env.rewards import BOUND_FIELDS

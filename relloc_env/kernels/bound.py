@@ -29,6 +29,7 @@ from typing import Any, NamedTuple
 
 from relloc_env.kernels._compile import inlined, kernel
 from relloc_env.kernels.elementary import sin_cos
+from relloc_env.kernels.factors import add, correct
 from relloc_env.kernels.state_layout import height_of, point_of, scales_of, twist_of
 
 LEAST_DEPTH = 1e-3
@@ -128,29 +129,6 @@ def bound_reset(bound, scene, prior):
 
 
 @kernel
-def factorise(covariance, factor, variances):
-    """Factor P = U D Uᵀ, from the last column to the first.
-
-    What is not positive, as in a covariance that lost its digits, becomes 1e-15 of its variance.
-
-    Args:
-        covariance: (D, D) symmetric, positive on its diagonal; undefined afterwards.
-        factor, variances: of `Bound`, written.
-    """
-    for j in range(variances.shape[0]):
-        variances[j] = 1e-15 * covariance[j, j]
-    factor[:] = 0.0
-    for j in range(variances.shape[0] - 1, -1, -1):
-        factor[j, j] = 1.0
-        variances[j] = max(variances[j], covariance[j, j])
-        for i in range(j):
-            factor[i, j] = covariance[i, j] / variances[j]
-        for i in range(j):
-            for k in range(i + 1):
-                covariance[k, i] -= factor[k, j] * factor[i, j] * variances[j]
-
-
-@kernel
 def _arc_noise(theta, v, lateral, w, dt):
     """Derivatives of the end of an exact arc with respect to v and to w, in the axes of the world.
 
@@ -194,29 +172,6 @@ def _twist(points, robots, robot, origin, moved, out):
         for i in range(points.shape[0]):
             p = point_of(robots, i)
             out[p], out[p + 1] = rho_x - turn * (points[i, 1] - o_y), rho_y + turn * (points[i, 0] - o_x)
-
-
-@kernel
-def _add(factor, variances, work, end, variance_a, variance_b):
-    """P += variance_a a aᵀ + variance_b b bᵀ, with a and b the first rows of `work` (4, D), undefined afterwards.
-
-    The update of Agee and Turner (Bierman 1977, theorem III.3.1), from the last row of U to the first, for both vectors
-    in one sweep. From `end` on, a and b are zero.
-    """
-    for i in range(end - 1, -1, -1):
-        a, b = work[0, i], work[1, i]
-        for k in range(end - 1, i, -1):
-            a -= work[0, k] * factor[i, k]
-            between = factor[i, k] + work[2, k] * a
-            b -= work[1, k] * between
-            factor[i, k] = between + work[3, k] * b
-        work[0, i], work[1, i], work[2, i], work[3, i] = a, b, 0.0, 0.0
-        if a != 0.0 or b != 0.0:
-            first = variances[i] + variance_a * a * a
-            second = first + variance_b * b * b
-            work[2, i], variance_a = variance_a * a / first, variance_a * variances[i] / first
-            work[3, i], variance_b = variance_b * b / second, variance_b * first / second
-            variances[i] = second
 
 
 @kernel
@@ -266,7 +221,7 @@ def bound_move(bound, scene, noise, velocity, dt):
         _twist(points, robots, robot, origin, (v_x, v_y, 0.0), work[0])
         _twist(points, robots, robot, origin, (w_x, w_y, dt), work[1])
         end = point_of(robots, count) if k == 0 else twist_of(k + 1)
-        _add(factor, variances, work, end, speed_sd[k] * speed_sd[k], turn_sd[k] * turn_sd[k])
+        add(factor, variances, work, end, speed_sd[k] * speed_sd[k], turn_sd[k] * turn_sd[k])
 
 
 @kernel
@@ -291,44 +246,6 @@ def point_error(factor, p, t, d, at, out):
     if d > 0:
         for k in range(factor.shape[0]):
             out[2, k] += factor[d, k]
-
-
-@kernel
-def _correct(factor, variances, work, row_a, row_b, variance_a, variance_b):
-    """Take in two measurements, rows a · e and b · e of the error that `point_error` left in `work`.
-
-    Bierman's update (1977, theorem V.3.1): f = Uᵀ h, alpha_k = variance + sum of d_j f_j² for j <= k, d_k *=
-    alpha_{k-1} / alpha_k, column k of U -= f_k / alpha_{k-1} times the gain so far. Both go in one sweep: f of the
-    second changes by the first as another row of U would.
-
-    Args:
-        factor, variances: of `Bound`, changed.
-        work: (4, D) E U; then scratch.
-        row_a, row_b: three numbers each.
-        variance_a, variance_b: of the measurements' noise.
-    """
-    alpha_a, alpha_b, inverse_a, inverse_b, product = variance_a, variance_b, 1.0 / variance_a, 1.0 / variance_b, 0.0
-    for k in range(variances.shape[0]):
-        x, y, h, d = work[0, k], work[1, k], work[2, k], variances[k]
-        a, b = row_a[0] * x + row_a[1] * y + row_a[2] * h, row_b[0] * x + row_b[1] * y + row_b[2] * h
-        gain_a, step_a, before = d * a, a * inverse_a, alpha_a
-        alpha_a += a * gain_a
-        inverse_a = 1.0 / alpha_a
-        d *= before * inverse_a
-        b, product = b - step_a * product, product + gain_a * b
-        gain_b, step_b, before = d * b, b * inverse_b, alpha_b
-        alpha_b += b * gain_b
-        inverse_b = 1.0 / alpha_b
-        variances[k] = d * (before * inverse_b)
-        work[0, k], work[1, k], work[2, k], work[3, k] = gain_a, step_a, gain_b, step_b
-    for i in range(variances.shape[0] - 1):
-        gain_a, gain_b = work[0, i], work[2, i]
-        for k in range(i + 1, variances.shape[0]):
-            old = factor[i, k]
-            new = old - work[1, k] * gain_a
-            gain_a += work[0, k] * old
-            factor[i, k] = new - work[3, k] * gain_b
-            gain_b += work[2, k] * new
 
 
 @inlined
@@ -360,18 +277,19 @@ def bound_measure(bound, scene, noise, visible, vertical):
                 continue
             sin, cos = sin_cos(poses[k, 2])
             p, at = point_of(robots, i), (points[i, 0] - o_x, points[i, 1] - o_y)
+            begin = t if t >= 0 else p
             d_x, d_y = points[i, 0] - poses[k, 0], points[i, 1] - poses[k, 1]
             if not sighted[k, i]:
                 sighted[k, i] = True
                 if not math.isinf(guess):
                     point_error(factor, p, t, d, at, work)
-                    _correct(factor, variances, work, (cos, sin, 0.0), nothing, guess, 1.0)
+                    correct(factor, variances, work, begin, (cos, sin, 0.0), nothing, guess, 1.0)
             chi = 1.0 / max(cos * d_x + sin * d_y, LEAST_DEPTH)
             x, y = (sin * d_x - cos * d_y) * chi, (heights[k] - points[i, 2]) * chi
             row_x = (chi * (sin - x * cos), -chi * (cos + x * sin), 0.0)
             row_y = (-chi * y * cos, -chi * y * sin, -chi) if vertical else nothing
             point_error(factor, p, t, d, at, work)
-            _correct(factor, variances, work, row_x, row_y, variance, variance)
+            correct(factor, variances, work, begin, row_x, row_y, variance, variance)
 
 
 @kernel

@@ -145,10 +145,16 @@ def _tile(x, y):
     return checker - (JOINT if max(abs(x - a - HALF), abs(y - b - HALF)) > NEAR_JOINT else NOTHING)
 
 
+@inlined
+def _on_floor(x):
+    """A coordinate [m] of the floor in float32, less whole kilometres: the tiles repeat, and it keeps its digits."""
+    return np.float32(x - 1000.0 * np.floor(x / 1000.0 + 0.5))
+
+
 @kernel
 def _ground(line, shine, rays, view):
     """Put the floor and the sky of a row into `line` (3, W)."""
-    p_x, p_y, cos, sin = np.float32(view[0]), np.float32(view[1]), np.float32(view[3]), np.float32(view[4])
+    p_x, p_y, cos, sin = _on_floor(view[0]), _on_floor(view[1]), np.float32(view[3]), np.float32(view[4])
     for j in range(shine.shape[0]):
         x, z = rays[0, j], rays[2, j]
         shine[j] = rays[3, j] + rays[4, j] * _tile(p_x + z * (cos + sin * x), p_y + z * (sin - cos * x))
@@ -163,7 +169,7 @@ def _ground_level(line, shine, rays, view):
     """The same without distortion: a row has one height, and its floor one depth."""
     z, bright, contrast, floor = rays[2, 0], rays[3, 0], rays[4, 0], rays[1, 0] > HORIZON
     cos, sin = z * np.float32(view[3]), z * np.float32(view[4])
-    x, y = np.float32(view[0]) + cos, np.float32(view[1]) + sin
+    x, y = _on_floor(view[0]) + cos, _on_floor(view[1]) + sin
     if floor:
         for j in range(shine.shape[0]):
             shine[j] = bright + contrast * _tile(x + sin * rays[0, j], y - cos * rays[0, j])

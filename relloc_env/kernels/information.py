@@ -181,7 +181,7 @@ def pose_information(bound, scene, robot):
     """J of a pair, -1/6 log det P_xi [nat of standard deviation; m and rad], for the pose of `robot` > 0 in {A}.
 
     det P_xi is the product of the squared norms, weighted by D, that Gram-Schmidt leaves of the rows of xi (C. L.
-    Thornton, 1976; Bierman 1977, theorem VI.4.1): no difference of products that nearly cancel. It is the same for the
+    Thornton, 1976; Bierman 1977, chapter VI): no difference of products that nearly cancel. It is the same for the
     pose of A in {robot}.
     """
     variances, rows = bound.variances, bound.work
