@@ -250,7 +250,7 @@ def check_seed(seed: object) -> int:
 
 def integer(value: object) -> int | None:
     """An integer of any kind as an int; None for anything else, truth values too."""
-    if isinstance(value, bool):
+    if isinstance(value, bool) or getattr(value, "dtype", None) == np.bool_:  # NumPy below 2.3 has them as indices
         return None
     try:
         return operator.index(value)  # type: ignore[arg-type]
