@@ -14,8 +14,8 @@ TORCH_INDEX ?=
 PYTHONS ?= python3.11 python3.12 python3.13 $(wildcard $(HOME)/.pyenv/versions/3.1[1-9]*/bin/python)
 # What they run: tests of the core, of drawing and of agents, without those that take long or need other extras.
 MINIMUM_TESTS ?= tests/kernels tests/envs tests/rendering tests/agents/test_policies.py tests/agents/test_report.py \
-	$(filter-out %_docs.py %_package.py %_paper.py,$(wildcard tests/test_*.py)) \
-	$(patsubst %,--ignore=tests/%,kernels/test_image_rendering.py envs/test_image_observation.py)
+	$(filter-out %_docs.py %_extras.py %_folders.py %_package.py %_paper.py,$(wildcard tests/test_*.py)) \
+	$(patsubst %,--ignore=tests/%,kernels/test_image_rendering.py envs/test_image_observation.py envs/test_picture.py)
 export PYTHONUNBUFFERED := 1
 # Recorded data for the demonstration and the tests.
 ifneq ($(wildcard ../shared/data),)

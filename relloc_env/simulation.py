@@ -154,19 +154,24 @@ class Simulation(Sharing):
             rows: indices of the environments that move.
             thread: number of the calling thread, where several work on parts of the batch at once.
         """
-        moving, waiting, resumed, world = rows, np.empty(len(rows), np.int64), False, self.world
+        moving, waiting, resumed = rows, np.empty(len(rows), np.int64), False
         while True:
             count = advance(actions.reshape(-1), *self._constants, rows, waiting, resumed, *self._arrays)
             if count == 0:
                 break
             rows, resumed = waiting[:count].copy(), True
-            self._solver(thread).solve_many(self.world, rows)
-            after_contact(
-                world.pose, world.pending, world.velocity, world.contact, world.collided,
-                self.parameters, self.robots, self.obstacles, rows,
-            )  # fmt: skip
+            self.solve_contacts(rows, thread)
         if self.eyes is not None:
-            self.eyes.look(world, self.samples, self.truth, moving, thread)
+            self.eyes.look(self.world, self.samples, self.truth, moving, thread)
+
+    def solve_contacts(self, rows: Rows, thread: int = 0) -> None:
+        """Move the environments `rows`, whose robots would touch something in this sample, as contacts allow."""
+        world = self.world
+        self._solver(thread).solve_many(world, rows)
+        after_contact(
+            world.pose, world.pending, world.velocity, world.contact, world.collided,
+            self.parameters, self.robots, self.obstacles, rows,
+        )  # fmt: skip
 
     def _solver(self, thread: int) -> ContactSolver:
         """The contact solver of a thread."""
@@ -245,7 +250,7 @@ def check_seed(seed: object) -> int:
 
 def integer(value: object) -> int | None:
     """An integer of any kind as an int; None for anything else, truth values too."""
-    if isinstance(value, bool):
+    if isinstance(value, bool) or getattr(value, "dtype", None) == np.bool_:  # NumPy below 2.3 has them as indices
         return None
     try:
         return operator.index(value)  # type: ignore[arg-type]

@@ -103,14 +103,13 @@ def fill_cache(config: EnvConfig) -> int:
     Raises:
         OSError: there is no folder where compiled kernels can be kept.
     """
-    from relloc_env.envs.core import Core
-    from relloc_env.world import ContactSolver
+    from relloc_env.envs.vector import RellocVectorEnv
 
-    start = time.time() - 0.1  # the clock of a file may be a little behind
-    core = Core(config)
-    core.reset(core.everyone, [0])
-    core.step(np.zeros((1, *core.last_action.shape[1:])), core.everyone)
-    ContactSolver(config).solve_many(core.simulation.world, _NONE)
+    start = time.time() - 0.01  # the clock of a file may be a little behind
+    env = RellocVectorEnv(2, config)
+    env.reset(seed=0)
+    env.step(np.zeros(env.action_space.shape, np.float32))
+    env.core.simulation.solve_contacts(_NONE)
     folders = set(map(Path, filter(None, (each.stats.cache_path for each in _kernels() if each.signatures))))
     if not folders:
         raise OSError("There is no folder for compiled kernels that can be written: let NUMBA_CACHE_DIR name one")

@@ -148,6 +148,17 @@ for name in ("ActiveDepth", "RelativePose"):
     for _ in range(20):
         *_, info = env.step({robot: [1.0, 0.0] for robot in env.agents})
     assert env.unwrapped.state() is not None
+
+from relloc_env.envs.precompile import _kernels
+print(sorted(f"{kernel.__name__}{signature}" for kernel in _kernels() for signature in kernel.signatures))
+"""
+FILLED = """
+from relloc_env.config import load_config
+from relloc_env.envs.precompile import _kernels, fill_cache
+
+for task in ("relloc_env/ActiveDepth-v0", "relloc_env/RelativePose-v0"):
+    fill_cache(load_config(task=task))
+print(sorted(f"{kernel.__name__}{signature}" for kernel in _kernels() for signature in kernel.signatures))
 """
 
 
@@ -160,10 +171,12 @@ def test_the_command_compiles_all_that_environments_need() -> None:
         "relloc_env/RelativePose-v0",
     ]
     environment = {key: value for key, value in os.environ.items() if key != QUIET}
-    after = subprocess.run(
-        [sys.executable, "-c", EVERYTHING], env=environment, capture_output=True, text=True, check=True
+    after, filled = (
+        subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
+        for code in (EVERYTHING, FILLED)
     )
     assert after.stderr == ""
+    assert after.stdout == filled.stdout  # whatever the cache held before
     again = CliRunner().invoke(app, ["compile", "--config", "paper-simulation", "--estimator", "cascade"])
     assert again.output.startswith("paper-simulation, cascade: ")
     again = CliRunner().invoke(app, ["compile"])

@@ -45,7 +45,8 @@ def test_other_options_hold_in_what_is_made_again(name: str, form: Callable[[Env
     assert again.spec.max_episode_steps == cycles
     assert length(gym.make(form(again.spec), max_cycles=7)) == 7
     assert length(gym.make(form(again.spec))) == cycles
-    assert gym.wrappers.TimeAwareObservation(again).max_timesteps == cycles
+    if tuple(map(int, gym.__version__.split(".")[:2])) >= (1, 3):  # `Box` before takes no `Horizon` for an integer
+        assert gym.wrappers.TimeAwareObservation(again).max_timesteps == cycles
     assert length(env) == 10
 
 
